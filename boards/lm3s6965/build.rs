@@ -1,4 +1,5 @@
-//! Puts `memory.x` from the top of the checkout where the linker looks for it, and turns the numbers of `board.toml` into constants.
+//! Puts `memory.x` from the top of the checkout where the linker looks for it, and turns the
+//! numbers of `board.toml` into constants.
 
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -29,13 +30,14 @@ const FEATURES: [&str; 4] = [
 
 fn main() {
     let out = folder("OUT_DIR");
-    // Relative to this package, so that a build that was moved with its checkout does not look at the old place.
+    // Relative to this package, so that a build that was moved with its checkout does not look at
+    // the old place.
     let memory = Path::new("../../memory.x");
     fs::copy(memory, out.join("memory.x")).expect("memory.x stands at the top of the checkout");
     println!("cargo:rustc-link-search={}", out.display());
     println!("cargo:rerun-if-changed={}", memory.display());
-    // Of functions that are the same, instruction by instruction, the robot's firmware has one. Nothing compares addresses of functions. What is measured
-    // is linked plainly.
+    // Of functions that are the same, instruction by instruction, the robot's firmware has one.
+    // Nothing compares addresses of functions. What is measured is linked plainly.
     println!("cargo:rustc-link-arg-bin=rover=--icf=all");
 
     let board = Path::new("board.toml");
@@ -53,7 +55,8 @@ fn folder(variable: &str) -> PathBuf {
         .into()
 }
 
-/// One constant for each of [`SETTINGS`]; a lean build takes those of the sections `….lean` where they have one.
+/// One constant for each of [`SETTINGS`]; a lean build takes those of the sections `….lean` where
+/// they have one.
 fn settings(board: &Path, is_lean: bool) -> String {
     let text = fs::read_to_string(board).expect("board.toml stands beside build.rs");
     let mut values = HashMap::new();

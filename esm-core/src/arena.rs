@@ -69,8 +69,8 @@ impl ArenaLayout {
     }
 }
 
-/// Words that have so many bits. There are less than a carry would take, which a division that rounds
-/// up would have to think of.
+/// Words that have so many bits. There are less than a carry would take, which a division that
+/// rounds up would have to think of.
 fn words_for(bits: usize) -> usize {
     (bits + (WORD_BITS - 1)) >> WORD_BITS.trailing_zeros()
 }

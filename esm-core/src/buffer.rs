@@ -6,7 +6,8 @@ use crate::reads::{Reader, Storage, stable::Sealed};
 
 /// A buffer for one blob. There are two: one holds the mission that runs, the other takes the next.
 ///
-/// The bytes can be [lent](Self::lend): then there is somebody else who reads them, and they do not change until the reader is [back](Self::take_back).
+/// The bytes can be [lent](Self::lend): then there is somebody else who reads them, and they do not
+/// change until the reader is [back](Self::take_back).
 pub struct BlobBuffer<'m> {
     storage: Storage<'m>,
     len: usize,
@@ -35,7 +36,8 @@ impl<'m> BlobBuffer<'m> {
         self.storage.bytes().len()
     }
 
-    /// Somebody else who reads the blob. None if there is one already, or if it was built without the feature `unchecked`.
+    /// Somebody else who reads the blob. None if there is one already, or if it was built without
+    /// the feature `unchecked`.
     pub fn lend(&mut self) -> Option<BlobReader<'m>> {
         let len = self.len;
         (self.storage.lend()).map(|reader| BlobReader { reader, len })
@@ -55,14 +57,16 @@ impl<'m> BlobBuffer<'m> {
         self.len = 0;
     }
 
-    /// Replaces all bytes by those that `fill` puts at the beginning of the room. It says how many. While somebody reads them there is no room.
+    /// Replaces all bytes by those that `fill` puts at the beginning of the room. It says how many.
+    /// While somebody reads them there is no room.
     pub fn fill(&mut self, fill: impl FnOnce(&mut [u8]) -> usize) {
         self.len = 0;
         let room = self.storage.bytes_mut();
         self.len = fill(room).min(room.len());
     }
 
-    /// Appends bytes. Returns false, and changes nothing, if they do not fit, or somebody reads the buffer.
+    /// Appends bytes. Returns false, and changes nothing, if they do not fit, or somebody reads the
+    /// buffer.
     pub fn push(&mut self, bytes: &[u8]) -> bool {
         let place = self
             .len

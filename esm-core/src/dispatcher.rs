@@ -1,12 +1,15 @@
 //! Which slot runs when: a tournament of slots, won by the one with the earliest nominal start.
 //!
-//! Times are whole microseconds since the origin of the schedule, and every start is the one before plus the period: nothing drifts, and no
-//! counter wraps in the life of a robot. Taking an occurrence replays the winner's
-//! matches, one comparison for each level of the tournament: logarithmic in the number of slots, and the same number for all of them, or one less. No
-//! table is as long as the hyperperiod.
+//! Times are whole microseconds since the origin of the schedule, and every start is the one before
+//! plus the period: nothing drifts, and no counter wraps in the life of a robot. Taking an
+//! occurrence replays the winner's matches, one comparison for each level of the tournament:
+//! logarithmic in the number of slots, and the same number for all of them, or one less. No table
+//! is as long as the hyperperiod.
 //!
-//! Slots are compared by words of 32 bits: the time from a base to the next start, if it is less than eight seconds, and the slot's index. So the occurrence that
-//! is taken on time costs no arithmetic of 64 bits. The base moves on every few seconds, when an occurrence is taken by [`take`](crate::Dispatcher::take).
+//! Slots are compared by words of 32 bits: the time from a base to the next start, if it is less
+//! than eight seconds, and the slot's index. So the occurrence that is taken on time costs no
+//! arithmetic of 64 bits. The base moves on every few seconds, when an occurrence is taken by
+//! `take`.
 
 use core::ops::{Deref, DerefMut};
 
@@ -40,8 +43,9 @@ pub enum DispatcherError {
     },
 }
 
-/// What slots are compared by: the next nominal start, in microseconds since the base, and below it, in [`SLOT_BITS`], the slot's index. So no two keys are equal, and
-/// slots with equal starts come in the order of their indices.
+/// What slots are compared by: the next nominal start, in microseconds since the base, and below
+/// it, in [`SLOT_BITS`], the slot's index. So no two keys are equal, and slots with equal starts
+/// come in the order of their indices.
 type Key = u32;
 
 /// Bits of a key that hold the slot's index.
@@ -79,7 +83,8 @@ impl Entry {
     };
 }
 
-/// Hands out the occurrences of up to `SLOTS` slots, at most 256, in the order of their nominal starts.
+/// Hands out the occurrences of up to `SLOTS` slots, at most 256, in the order of their nominal
+/// starts.
 ///
 /// ```
 /// use esm_core::{Dispatcher, tables::Slot};
@@ -102,8 +107,9 @@ pub struct SlotQueue<S: ?Sized = [Seat]> {
     /// No slot's next start is before this.
     base_us: u64,
     len: usize,
-    /// The tournament. Match `m`, from 1 to `len - 1`, is between the winners of the matches `2m` and `2m + 1`; the slot with index `i` enters
-    /// at the place of match `len + i`. Kept is the key of each match's loser, and in place 0 that of the one who won them all.
+    /// The tournament. Match `m`, from 1 to `len - 1`, is between the winners of the matches `2m`
+    /// and `2m + 1`; the slot with index `i` enters at the place of match `len + i`. Kept is the
+    /// key of each match's loser, and in place 0 that of the one who won them all.
     seats: S,
 }
 
@@ -115,7 +121,8 @@ pub struct Seat {
 }
 
 impl<const SLOTS: usize> Dispatcher<SLOTS> {
-    /// A dispatcher of no slots, to be [started](SlotQueue::restart_at). For statics and places that are used again: nothing is copied.
+    /// A dispatcher of no slots, to be [started](SlotQueue::restart_at). For statics and places
+    /// that are used again: nothing is copied.
     #[must_use]
     pub const fn idle() -> Self {
         const { assert!(SLOTS <= 1 << SLOT_BITS, "an index fits into a key") };
@@ -159,8 +166,9 @@ impl<const SLOTS: usize> DerefMut for Dispatcher<SLOTS> {
 }
 
 impl SlotQueue {
-    /// Starts with other slots at a time of their schedule: the first occurrence of each is its first one that starts at or after `from_us`, in
-    /// microseconds since the origin. Nothing was missed yet. After an error there are no slots.
+    /// Starts with other slots at a time of their schedule: the first occurrence of each is its
+    /// first one that starts at or after `from_us`, in microseconds since the origin. Nothing was
+    /// missed yet. After an error there are no slots.
     ///
     /// # Errors
     /// See [`DispatcherError`].
@@ -218,10 +226,12 @@ impl SlotQueue {
         }
     }
 
-    /// Takes the earliest occurrence if it is due at `now_us`, which must not lie before an earlier call's.
+    /// Takes the earliest occurrence if it is due at `now_us`, which must not lie before an earlier
+    /// call's.
     ///
-    /// An occurrence whose whole period has passed is missed: it is counted and skipped, and the slot goes on with the one that
-    /// `now_us` falls into. So one slot is handed out at most once a period, however late the caller is.
+    /// An occurrence whose whole period has passed is missed: it is counted and skipped, and the
+    /// slot goes on with the one that `now_us` falls into. So one slot is handed out at most once a
+    /// period, however late the caller is.
     pub fn take(&mut self, now_us: u64) -> Option<Occurrence> {
         if self.is_empty() {
             return None;
@@ -241,7 +251,8 @@ impl SlotQueue {
         Some(occurrence)
     }
 
-    /// Takes the earliest occurrence, whichever time it is: for a caller who knows that it is due and that its period has not passed.
+    /// Takes the earliest occurrence, whichever time it is: for a caller who knows that it is due
+    /// and that its period has not passed.
     #[cfg_attr(feature = "speed", inline(always))]
     pub fn take_on_time(&mut self) {
         let [winner, ..] = &self.seats else {
@@ -346,8 +357,8 @@ impl SlotQueue {
     }
 }
 
-/// Plays the winner's matches anew, with its next key, and returns the key of who wins. It met, on its way from where it entered to the final, everybody who can be the
-/// earliest now.
+/// Plays the winner's matches anew, with its next key, and returns the key of who wins. It met, on
+/// its way from where it entered to the final, everybody who can be the earliest now.
 #[inline]
 fn replay(seats: &mut [Seat], len: usize, key: Key) -> Key {
     let mut player = key;
@@ -368,8 +379,9 @@ fn replay(seats: &mut [Seat], len: usize, key: Key) -> Key {
     player
 }
 
-/// `duration_us / period_us`, by a short division where that is enough. Small cores do a 64-bit one in a library routine of a kilobyte: after more
-/// than an hour, which happens at most once a slot where a mission takes over, it is done bit by bit.
+/// `duration_us / period_us`, by a short division where that is enough. Small cores do a 64-bit one
+/// in a library routine of a kilobyte: after more than an hour, which happens at most once a slot
+/// where a mission takes over, it is done bit by bit.
 #[inline(never)]
 pub(crate) fn periods_in(duration_us: u64, period_us: u32) -> u64 {
     if let Ok(duration_us) = u32::try_from(duration_us) {

@@ -3,13 +3,16 @@
 //! A blob is one mission: machine, schedule, data paths, parameters. It is made of
 //!
 //! 1. the four bytes `ESM2`, in which the digit is the version of this format;
-//! 2. the [`Envelope`] in [postcard](https://postcard.jamesmunns.com/wire-format) encoding. All its fields are byte strings, so on the wire it is the
-//!    sections below one after another, each a varint (seven bits a byte, low ones first, the highest bit says that another byte follows) with the
-//!    section's length in bytes, and the bytes themselves;
-//! 3. the CRC-32 (IEEE 802.3) of all bytes before it, four bytes, little endian. It is also the *mission hash*.
+//! 2. the [`Envelope`] in [postcard](https://postcard.jamesmunns.com/wire-format) encoding. All its
+//!    fields are byte strings, so on the wire it is the sections below one after another, each a
+//!    varint (seven bits a byte, low ones first, the highest bit says that another byte follows)
+//!    with the section's length in bytes, and the bytes themselves;
+//! 3. the CRC-32 (IEEE 802.3) of all bytes before it, four bytes, little endian. It is also the
+//!    *mission hash*.
 //!
-//! A section is a table of records of one fixed size, without gaps. All numbers are little endian, and unless something else is said they are 16 bits
-//! wide. `0xFFFF` stands for *none* where one is possible. Counts are not stored: they follow from the lengths.
+//! A section is a table of records of one fixed size, without gaps. All numbers are little endian,
+//! and unless something else is said they are 16 bits wide. `0xFFFF` stands for *none* where one is
+//! possible. Counts are not stored: they follow from the lengths.
 //!
 //! # Sections
 //!
@@ -36,34 +39,49 @@
 //! | nets | 8 | hash of the type's name (64 bits) |
 //! | names | 1 | see below |
 //!
-//! **Templates and instances.** A container is stored once, however often it is used: containers, regions, states, transitions and code are templates.
-//! What differs from instance to instance are bases (first flag, first channel, first task instance), to which everything in a template is
+//! **Templates and instances.** A container is stored once, however often it is used: containers,
+//! regions, states, transitions and code are templates. What differs from instance to instance are
+//! bases (first flag, first channel, first task instance), to which everything in a template is
 //! relative.
 //!
-//! **States.** Bit 0 of a state's *events* is set if it has a transition on the pulse, or on an event whose number is a multiple of 32; bit `n` above that if it has one on an
-//! event whose number leaves the remainder `n`. No other bit is set. A *shape* holds the kind of the state in its top 3 bits (0 initial, 1 final, 2 simple, 3 real-time
-//! task, 4 slot-0 task, 5 superstate), in bit 12 whether it has a timeout, and below how many flag bits entering it resets. For a task state *a* is the task instance relative
-//! to the instance's first; for a superstate it is the container instance inside relative to the instance that holds it; otherwise it is 0. For a state with a timeout *b* is its
-//! record among the timers. For others it is the length of the *row*: the number of its first transitions on the pulse whose guards are below 32 and each one more than the guard before, or 0 if that
-//! is 1.
+//! **States.** Bit 0 of a state's *events* is set if it has a transition on the pulse, or on an
+//! event whose number is a multiple of 32; bit `n` above that if it has one on an event whose
+//! number leaves the remainder `n`. No other bit is set. A *shape* holds the kind of the state in
+//! its top 3 bits (0 initial, 1 final, 2 simple, 3 real-time task, 4 slot-0 task, 5 superstate), in
+//! bit 12 whether it has a timeout, and below how many flag bits entering it resets. For a task
+//! state *a* is the task instance relative to the instance's first; for a superstate it is the
+//! container instance inside relative to the instance that holds it; otherwise it is 0. For a state
+//! with a timeout *b* is its record among the timers. For others it is the length of the *row*: the
+//! number of its first transitions on the pulse whose guards are below 32 and each one more than
+//! the guard before, or 0 if that is 1.
 //!
-//! **Order.** Everything stands in one order, and the parts of a thing stand together: the regions of container 0, of container 1, …; the
-//! states of region 0, of region 1, … with `initial` first and `final` last; the transitions of state 0, of state 1, …; the code of transition 0, of transition 1, …, in each that of
-//! the guard first; the timers and the task states in the order of their states; the channels of instance 0, … So an end is where the next thing begins, and nothing is
-//! shared but by the rules. Of the transitions of a state those on the pulse come first, in source order; then the others by the numbers of their events, those on one event in source order.
+//! **Order.** Everything stands in one order, and the parts of a thing stand together: the regions
+//! of container 0, of container 1, …; the states of region 0, of region 1, … with `initial` first
+//! and `final` last; the transitions of state 0, of state 1, …; the code of transition 0, of
+//! transition 1, …, in each that of the guard first; the timers and the task states in the order of
+//! their states; the channels of instance 0, … So an end is where the next thing begins, and
+//! nothing is shared but by the rules. Of the transitions of a state those on the pulse come first,
+//! in source order; then the others by the numbers of their events, those on one event in source
+//! order.
 //!
-//! **Instance tree.** Container instances, region instances and task instances are numbered depth first, regions and states in source order. The
-//! machine is instance 0 of container 0. A region instance's *next* is its next sibling, or, for the last of an instance, the *next* of the region instance
-//! around, or the number of region instances. So what is inside a region instance stands between it and its *next*, and walking in the order of numbers is walking outer before
-//! inner and regions in source order.
+//! **Instance tree.** Container instances, region instances and task instances are numbered depth
+//! first, regions and states in source order. The machine is instance 0 of container 0. A region
+//! instance's *next* is its next sibling, or, for the last of an instance, the *next* of the region
+//! instance around, or the number of region instances. So what is inside a region instance stands
+//! between it and its *next*, and walking in the order of numbers is walking outer before inner and
+//! regions in source order.
 //!
-//! **Flags.** The block of a container instance starts with `exit` and `timeout` of its superstate (at the root: of the machine, whose exit flag says that it
-//! is finished) and its control flags in the order of declaration. The blocks of its states follow, region by region: a simple state has its timeout
-//! flag or nothing; a task state exit, timeout, busy and its control flags in the order of the signature; a superstate the whole block of the instance inside. So the first flag of an
-//! instance is its superstate's, and every flag that a transition can name is a bit at a fixed distance from the first flag of its instance.
+//! **Flags.** The block of a container instance starts with `exit` and `timeout` of its superstate
+//! (at the root: of the machine, whose exit flag says that it is finished) and its control flags in
+//! the order of declaration. The blocks of its states follow, region by region: a simple state has
+//! its timeout flag or nothing; a task state exit, timeout, busy and its control flags in the order
+//! of the signature; a superstate the whole block of the instance inside. So the first flag of an
+//! instance is its superstate's, and every flag that a transition can name is a bit at a fixed
+//! distance from the first flag of its instance.
 //!
-//! **Guards.** Most guards ask for flags of the state that is left, and there is a short form for them. The *window* of a state is made of the first 15 flags that entering it
-//! resets, the first in the lowest bit; flags behind them have the long form.
+//! **Guards.** Most guards ask for flags of the state that is left, and there is a short form for
+//! them. The *window* of a state is made of the first 15 flags that entering it resets, the first
+//! in the lowest bit; flags behind them have the long form.
 //!
 //! | guard | is true if |
 //! |---|---|
@@ -73,32 +91,47 @@
 //! | 32–32,767 | the program from code record *guard* − 32 on says so |
 //! | 32,768 + *i* | (window xor value) and mask is 0, with mask and value of code record *i* |
 //!
-//! 15 means nothing. A bit must be one of the state's own flags. A mask has at least two bits, all of them the state's own flags, and a value only bits of its mask. `initial` has no
-//! flags: only 31 and programs can be guards there.
+//! 15 means nothing. A bit must be one of the state's own flags. A mask has at least two bits, all
+//! of them the state's own flags, and a value only bits of its mask. `initial` has no flags: only
+//! 31 and programs can be guards there.
 //!
-//! A program is a row of tests, of which each jumps or goes on to the next, and ends with operation 0, which says that the guard is true. Operation 1 jumps if the flag is clear, 2 if it is set, 3
-//! and 4 do so by the busy flag of the superstate that the transition leaves, which is the *or* of those of the active task states inside. A jump of 0 ends the guard as false, else it counts
-//! records ahead, at most to the end. Operands count from the first flag of the instance. A test names only flags at the head of its instance's block (exit, timeout, control flags)
-//! or own flags of the state that is left: nothing else can make a guard of a state true, and a machine in which none of them changes can rest.
+//! A program is a row of tests, of which each jumps or goes on to the next, and ends with operation
+//! 0, which says that the guard is true. Operation 1 jumps if the flag is clear, 2 if it is set, 3
+//! and 4 do so by the busy flag of the superstate that the transition leaves, which is the *or* of
+//! those of the active task states inside. A jump of 0 ends the guard as false, else it counts
+//! records ahead, at most to the end. Operands count from the first flag of the instance. A test
+//! names only flags at the head of its instance's block (exit, timeout, control flags) or own flags
+//! of the state that is left: nothing else can make a guard of a state true, and a machine in which
+//! none of them changes can rest.
 //!
-//! **Actions.** 0 is none; 32,768 + *c* one `send` on channel *c* of the instance; any other number 1 + the code record of the first of a row, in which operation 5 sends on a channel, 6 clears a flag and
-//! 7 sets one, and the low bit of the last is set. Operands count as in a program, with own flags those of the state that is entered; `exit` and `timeout` are not for actions to write. The *plain mark* stands at each transition that changes nothing but the current state: from `initial` or a simple state to a
-//! simple state without flags, without actions; and at each one on the pulse from a real-time task state without timeout and with at most 25 flags to itself whose action is one `send`.
+//! **Actions.** 0 is none; 32,768 + *c* one `send` on channel *c* of the instance; any other number
+//! 1 + the code record of the first of a row, in which operation 5 sends on a channel, 6 clears a
+//! flag and 7 sets one, and the low bit of the last is set. Operands count as in a program, with
+//! own flags those of the state that is entered; `exit` and `timeout` are not for actions to write.
+//! The *plain mark* stands at each transition that changes nothing but the current state: from
+//! `initial` or a simple state to a simple state without flags, without actions; and at each one on
+//! the pulse from a real-time task state without timeout and with at most 25 flags to itself whose
+//! action is one `send`.
 //!
-//! **Channels.** An event that is sent in a container instance has a channel there, one for each pair of instance and sent event. It carries the event's number and the row of those who
-//! listen: a bit for each region instance in which the event is visible and whose template has a transition on it. Word *k* of the row is for the region instances from
-//! 32 · (first region word + *k*) on, the first in the highest bit. A row neither begins nor ends with a word without bits. Rows may be shared.
+//! **Channels.** An event that is sent in a container instance has a channel there, one for each
+//! pair of instance and sent event. It carries the event's number and the row of those who listen:
+//! a bit for each region instance in which the event is visible and whose template has a transition
+//! on it. Word *k* of the row is for the region instances from 32 · (first region word + *k*) on,
+//! the first in the highest bit. A row neither begins nor ends with a word without bits. Rows may
+//! be shared.
 //!
 //! # Names
 //!
-//! The names that signatures do not hold, each a varint with its length and an ASCII identifier; the section is empty if they were left out. First the events in the order
-//! of their numbers; then for each container its name, its control flags and for each region its name and those of its states, pseudo-states left out;
-//! then the `exclusive` groups.
+//! The names that signatures do not hold, each a varint with its length and an ASCII identifier;
+//! the section is empty if they were left out. First the events in the order of their numbers; then
+//! for each container its name, its control flags and for each region its name and those of its
+//! states, pseudo-states left out; then the `exclusive` groups.
 //!
 //! # Limits
 //!
-//! 65,535 records in any table that is addressed with 16 bits, 65,535 flag bits, 4,095 flags of one state, 32,767 events, [`MAX_STATE_INSTANCES`] state instances, jumps over at most 8,191
-//! tests, 32,736 code records, [`MAX_SLOTS`] slots, times of at most [`MAX_TIME_US`].
+//! 65,535 records in any table that is addressed with 16 bits, 65,535 flag bits, 4,095 flags of one
+//! state, 32,767 events, [`MAX_STATE_INSTANCES`] state instances, jumps over at most 8,191 tests,
+//! 32,736 code records, [`MAX_SLOTS`] slots, times of at most [`MAX_TIME_US`].
 
 use serde::{Deserialize, Serialize};
 
@@ -110,10 +143,11 @@ pub const CRC_BYTES: usize = 4;
 pub const PULSE: u16 = 0;
 /// Stands for no index.
 pub const NONE: u16 = u16::MAX;
-/// The longest period and timeout: 4,000 s. Below 2³² µs, so that the age of a state can be told from 32 bits.
+/// The longest period and timeout: 4,000 s. Below 2³² µs, so that the age of a state can be told
+/// from 32 bits.
 pub const MAX_TIME_US: u32 = 4_000_000_000;
-/// The most slots of a mission: each is compared with each, so that this bounds the time of the check. It
-/// is as many as can be laid out, and far more than any firmware has room for.
+/// The most slots of a mission: each is compared with each, so that this bounds the time of the
+/// check. It is as many as can be laid out, and far more than any firmware has room for.
 pub const MAX_SLOTS: u16 = 4_096;
 /// The greatest number of an event.
 pub const MAX_EVENT: u16 = TRANSITION_IS_PLAIN - 1;
@@ -195,7 +229,8 @@ pub const CODE_SET: u16 = 7;
 
 /// Bit of `exit` in the flag block of a task state or superstate.
 pub const FLAG_EXIT: usize = 0;
-/// Bit of `timeout` in the flag block of a task state or superstate; in that of a simple state it is bit 0.
+/// Bit of `timeout` in the flag block of a task state or superstate; in that of a simple state it
+/// is bit 0.
 pub const FLAG_TIMEOUT: usize = 1;
 /// Bit of `busy` in the flag block of a task state.
 pub const FLAG_BUSY: usize = 2;
@@ -226,8 +261,9 @@ macro_rules! sections {
             }
         }
 
-        /// What postcard encodes between [`MAGIC`] and the CRC. Compilers write it; [`crate::verify()`] reads the same bytes without serde, which
-        /// would take more flash than all of the verifier's checks.
+        /// What postcard encodes between [`MAGIC`] and the CRC. Compilers write it;
+        /// [`crate::verify()`] reads the same bytes without serde, which would take more flash than
+        /// all of the verifier's checks.
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
         pub struct Envelope<'a> {
             $( $(#[$doc])* #[serde(borrow)] pub $field: &'a [u8], )*
@@ -291,8 +327,9 @@ pub fn crc32(bytes: &[u8]) -> u32 {
     !crc
 }
 
-/// What four bits that are shifted out do to a CRC. A table for whole bytes would be 1 KiB of flash for a job that is done once an upload; without any, this job would take a third of
-/// the verifier's time.
+/// What four bits that are shifted out do to a CRC. A table for whole bytes would be 1 KiB of flash
+/// for a job that is done once an upload; without any, this job would take a third of the
+/// verifier's time.
 const CRC_OF_HALF_BYTE: [u32; 16] = {
     const POLYNOMIAL: u32 = 0xEDB8_8320;
     let mut table = [0; 16];

@@ -1,11 +1,11 @@
 //! The interpreter: what a machine does, once, for firmware and host.
 //!
-//! It keeps its state in an arena of 32-bit words that the caller lends it. Everything else is read from
-//! the blob, at bytes of it, by [reads](crate::reads) that need not check them again. That every loop ends
-//! is what [`verify`](crate::verify()) proved.
+//! It keeps its state in an arena of 32-bit words that the caller lends it. Everything else is read
+//! from the blob, at bytes of it, by [reads](crate::reads) that need not check them again. That
+//! every loop ends is what [`verify`](crate::verify()) proved.
 //!
-//! Who is visited in a macro step, and in which order, is said in [`walk`]; what a transition does, in
-//! [`transitions`]; when a state is overdue, in [`timers`].
+//! Who is visited in a macro step, and in which order, is said in [`walk`]; what a transition does,
+//! in [`transitions`]; when a state is overdue, in [`timers`].
 
 mod carry;
 mod clock;
@@ -58,7 +58,8 @@ where
     B: Deref<Target = [u8]>,
     DefaultReads: Reads<B>,
 {
-    /// A machine before its first macro step: all regions in `initial`, all flags reset, no task enabled.
+    /// A machine before its first macro step: all regions in `initial`, all flags reset, no task
+    /// enabled.
     ///
     /// # Errors
     /// The arena has less than [`Verified::arena_words`].
@@ -95,9 +96,9 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         }
     }
 
-    /// The same machine with another time between its macro steps than the period of the interpreter's
-    /// slot, as a simulation may ask for. To be called before the first macro step; a robot's time comes
-    /// from its slots.
+    /// The same machine with another time between its macro steps than the period of the
+    /// interpreter's slot, as a simulation may ask for. To be called before the first macro step; a
+    /// robot's time comes from its slots.
     #[must_use]
     pub fn with_period_us(mut self, period_us: u32) -> Self {
         self.machine.period_us = period_us;
@@ -142,7 +143,8 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         })
     }
 
-    /// Changes a control flag of a task instance, by its place in the signature. Between macro steps only.
+    /// Changes a control flag of a task instance, by its place in the signature. Between macro
+    /// steps only.
     pub fn set_flag(&mut self, task_instance: usize, flag: usize, value: bool) {
         self.write_task_flag(task_instance, format::TASK_CONTROL_FLAGS + flag, value);
     }
@@ -163,8 +165,8 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         self.write_task_flag(task_instance, format::FLAG_BUSY, busy);
     }
 
-    /// A task reports that it is finished: its exit flag is set, its enable bit reset. Between macro steps
-    /// only.
+    /// A task reports that it is finished: its exit flag is set, its enable bit reset. Between
+    /// macro steps only.
     pub fn report_exit(&mut self, task_instance: usize) {
         self.write_task_flag(task_instance, format::FLAG_EXIT, true);
         self.clear_enabled(task_instance);
@@ -177,28 +179,29 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 }
 
 impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
-    /// Resets an enable bit alone: the run of a slot-0 task ended after its state was left. Between macro
-    /// steps only.
+    /// Resets an enable bit alone: the run of a slot-0 task ended after its state was left. Between
+    /// macro steps only.
     pub fn clear_enabled(&mut self, task_instance: usize) {
         if task_instance < self.machine.layout.tasks {
             self.machine.disable(task_instance);
         }
     }
 
-    /// Lets occurrences of the interpreter's slot pass that were missed: time and number of the next macro
-    /// step move on, to [`MAX_STEPS`] at most. No more macro steps pass beyond that: so no counter of them
-    /// wraps, and timers run out as they do after any other wait.
+    /// Lets occurrences of the interpreter's slot pass that were missed: time and number of the
+    /// next macro step move on, to [`MAX_STEPS`] at most. No more macro steps pass beyond that: so
+    /// no counter of them wraps, and timers run out as they do after any other wait.
     pub fn skip(&mut self, missed: u32) {
         let blob = R::blob(self.verified.tables().bytes());
         self.machine.skip(blob, missed);
     }
 
-    /// Takes over what the machine before has in common with this one: states, timers, flags, enable bits.
-    /// To be called before the first macro step, between two macro steps of the other, which goes no
-    /// further. A machine that stopped by a fault hands over nothing, nor does one without names.
+    /// Takes over what the machine before has in common with this one: states, timers, flags,
+    /// enable bits. To be called before the first macro step, between two macro steps of the other,
+    /// which goes no further. A machine that stopped by a fault hands over nothing, nor does one
+    /// without names.
     ///
-    /// `pairing` is what was [found](Pairing::find) for the tables of both, this machine's first. That of
-    /// other machines gives nonsense, but no memory is at risk.
+    /// `pairing` is what was [found](Pairing::find) for the tables of both, this machine's first.
+    /// That of other machines gives nonsense, but no memory is at risk.
     pub fn take_over(
         &mut self,
         before: &Interpreter<'_, B, R>,
@@ -210,8 +213,8 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
         (self.machine).take_over(R::blob(tables.bytes()), other, pairing, states)
     }
 
-    /// Whether an active task state inside a superstate is busy: the superstate's busy flag, which is false
-    /// unless it is current.
+    /// Whether an active task state inside a superstate is busy: the superstate's busy flag, which
+    /// is false unless it is current.
     pub fn is_busy_inside(&self, region_instance: usize, superstate: usize) -> bool {
         let blob = R::blob(self.verified.tables().bytes());
         self.is_current_state(region_instance, superstate)
@@ -241,8 +244,8 @@ impl<B: Deref<Target = [u8]>, R: Access> Interpreter<'_, B, R> {
         self.flag(format::FLAG_EXIT)
     }
 
-    /// The current state of a region instance, as an index into the tables. It means something only while
-    /// the instance [is active](Self::is_active).
+    /// The current state of a region instance, as an index into the tables. It means something only
+    /// while the instance [is active](Self::is_active).
     pub fn current(&self, region_instance: usize) -> usize {
         self.machine.current(region_instance)
     }
@@ -259,8 +262,8 @@ impl<B: Deref<Target = [u8]>, R: Access> Interpreter<'_, B, R> {
         self.machine.is_marked(region_instance, Mark::Active)
     }
 
-    /// Whether the next pulse visits a region instance, if it is active then: for those who count what a
-    /// macro step does.
+    /// Whether the next pulse visits a region instance, if it is active then: for those who count
+    /// what a macro step does.
     pub fn is_region_awake(&self, region_instance: usize) -> bool {
         self.machine.is_marked(region_instance, Mark::Awake)
     }
@@ -292,8 +295,8 @@ impl<B: Deref<Target = [u8]>, R: Access> Interpreter<'_, B, R> {
         self.part(self.machine.layout.enabled..self.machine.layout.entered)
     }
 
-    /// A flag by its bit in the whole machine; see [`Tables::flags_of_state`]. The busy bit of a superstate
-    /// does not exist: see [`Self::is_busy_inside`].
+    /// A flag by its bit in the whole machine; see [`Tables::flags_of_state`]. The busy bit of a
+    /// superstate does not exist: see [`Self::is_busy_inside`].
     pub fn flag(&self, flag: usize) -> bool {
         self.machine.flag(flag)
     }
@@ -308,7 +311,8 @@ impl<B: Deref<Target = [u8]>, R: Access> Interpreter<'_, B, R> {
             })
     }
 
-    /// The first 16 control flags of the task instance with these places, the first in the lowest bit.
+    /// The first 16 control flags of the task instance with these places, the first in the lowest
+    /// bit.
     pub fn control_flags_at(&self, places: &TaskPlaces) -> u16 {
         let count = usize::from(places.flags).saturating_sub(format::TASK_CONTROL_FLAGS);
         if count == 0 {
@@ -352,15 +356,15 @@ impl<B: Deref<Target = [u8]>, R: Access> Interpreter<'_, B, R> {
         self.part(0..self.machine.layout.queue)
     }
 
-    /// All flags, the first in the lowest bit of the first word, and from the next whole word on the
-    /// enable bits of the task instances.
+    /// All flags, the first in the lowest bit of the first word, and from the next whole word on
+    /// the enable bits of the task instances.
     pub fn input_words(&self) -> &[u32] {
         self.part(self.machine.layout.flags..self.machine.layout.entered)
     }
 
-    /// Whether this machine is what another was, of which these were taken. Who is awake is left out: a
-    /// machine of which a flag was set and reset between two macro steps has someone awake who finds
-    /// nothing to do.
+    /// Whether this machine is what another was, of which these were taken. Who is awake is left
+    /// out: a machine of which a flag was set and reset between two macro steps has someone awake
+    /// who finds nothing to do.
     pub fn is_like(&self, words: &[u32], progress: &Progress) -> bool {
         let own = self.state_words();
         own.len() == words.len()
@@ -370,8 +374,8 @@ impl<B: Deref<Target = [u8]>, R: Access> Interpreter<'_, B, R> {
             && self.fault() == progress.fault
     }
 
-    /// The bits of [`Self::input_words`], ascending, in which this machine and the one that `words` were
-    /// taken of differ.
+    /// The bits of [`Self::input_words`], ascending, in which this machine and the one that `words`
+    /// were taken of differ.
     pub fn inputs_unlike<'a>(&'a self, words: &'a [u32]) -> impl Iterator<Item = usize> + 'a {
         let layout = &self.machine.layout;
         let others = words.get(layout.flags..layout.entered).unwrap_or_default();
@@ -384,9 +388,9 @@ impl<B: Deref<Target = [u8]>, R: Access> Interpreter<'_, B, R> {
         })
     }
 
-    /// For each region instance the low 32 bits of the number of the macro step in which its state was
-    /// entered, if that has a timeout; a state that was overdue while macro steps were skipped counts as
-    /// entered just so long ago.
+    /// For each region instance the low 32 bits of the number of the macro step in which its state
+    /// was entered, if that has a timeout; a state that was overdue while macro steps were skipped
+    /// counts as entered just so long ago.
     pub fn entered_words(&self) -> &[u32] {
         self.part(self.machine.layout.entered..self.machine.layout.queue)
     }
@@ -399,8 +403,8 @@ impl<B: Deref<Target = [u8]>, R: Access> Interpreter<'_, B, R> {
 
 /// Taking up what was kept.
 impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
-    /// A machine as it was when `words` and `progress` were taken from it; it goes on as that one did. The
-    /// words may come from anywhere.
+    /// A machine as it was when `words` and `progress` were taken from it; it goes on as that one
+    /// did. The words may come from anywhere.
     ///
     /// # Errors
     /// Why these are no words of such a machine.
@@ -429,8 +433,8 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         Ok(resumed)
     }
 
-    /// Turns a bit of [`Self::input_words`] over, as a task or the end of a slot-0 run did. False, and
-    /// nothing changes, if it is no flag of a task and no enable bit. Between macro steps only.
+    /// Turns a bit of [`Self::input_words`] over, as a task or the end of a slot-0 run did. False,
+    /// and nothing changes, if it is no flag of a task and no enable bit. Between macro steps only.
     pub fn toggle_input(&mut self, bit: usize) -> bool {
         self.machine.toggle_input(&self.verified.tables(), bit)
     }

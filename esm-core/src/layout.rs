@@ -1,8 +1,10 @@
-//! Where each 16-bit field of a record is, and of some 32-bit ones the low half. The tables with their meaning stand in [`crate::format`].
+//! Where each 16-bit field of a record is, and of some 32-bit ones the low half. The tables with
+//! their meaning stand in [`crate::format`].
 
 use crate::format::Section;
 
-/// A 16-bit field of the records of a section, in one small number: most calls that name one load it in two bytes of code.
+/// A 16-bit field of the records of a section, in one small number: most calls that name one load
+/// it in two bytes of code.
 #[derive(Clone, Copy)]
 pub(crate) struct Field(u16);
 

@@ -1,21 +1,27 @@
-//! Extended state machines for microcontrollers: the blob format, the verifier, the interpreter, the slot dispatcher.
+//! Extended state machines for microcontrollers: the blob format, the verifier, the interpreter,
+//! the slot dispatcher.
 //!
-//! A mission (machine, schedule, data paths, parameters) is compiled on a host into a blob of a few kilobytes. This crate reads it in place, checks it
-//! once, and runs it. It decides what a machine does, for firmware and host tools alike; there is no second implementation.
+//! A mission (machine, schedule, data paths, parameters) is compiled on a host into a blob of a few
+//! kilobytes. This crate reads it in place, checks it once, and runs it. It decides what a machine
+//! does, for firmware and host tools alike; there is no second implementation.
 //!
-//! What it is not: it knows no hardware, no clock and no wire, and it runs no tasks. It says which tasks are enabled and which slot is due; whoever uses
-//! it has the timer, the tasks and their data. It allocates nothing and cannot panic on any input. It has one small file with `unsafe`, [`reads`], and none without its feature `unchecked`.
+//! What it is not: it knows no hardware, no clock and no wire, and it runs no tasks. It says which
+//! tasks are enabled and which slot is due; whoever uses it has the timer, the tasks and their
+//! data. It allocates nothing and cannot panic on any input. It has one small file with `unsafe`,
+//! [`reads`], and none without its feature `unchecked`.
 //!
 //! # Layers
 //!
 //! 1. [`format`](mod@format) is the blob, byte by byte.
 //! 2. [`tables`] are borrowed views of its sections.
-//! 3. [`verify()`] checks all of it in one pass. Only a [`Verified`] blob can be interpreted: the type is the proof.
+//! 3. [`verify()`] checks all of it in one pass. Only a [`Verified`] blob can be interpreted: the
+//!    type is the proof.
 //! 4. [`Interpreter`] runs macro steps in an arena of words that the caller lends it.
 //!    It reads the tables by [`reads`].
 //! 5. [`Dispatcher`] says which slot is due next.
 //!
-//! Apart from these stand [`signature`], by which firmware and missions know a task, and [`texts`], the checks of what only people read.
+//! Apart from these stand [`signature`], by which firmware and missions know a task, and [`texts`],
+//! the checks of what only people read.
 //!
 //! # Ten lines that run
 //!

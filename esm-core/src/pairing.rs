@@ -1,13 +1,18 @@
 //! What two machines have in common: what a warm swap goes by.
 //!
-//! Machines are compared by names, path by path. A region of one is that of the other if both have its path, and so is a state of it that is of the same kind: both simple, both a superstate,
-//! or both a state of a task with the same signature, in a slot or in slot 0. Containers and machine may have other names.
+//! Machines are compared by names, path by path. A region of one is that of the other if both have
+//! its path, and so is a state of it that is of the same kind: both simple, both a superstate, or
+//! both a state of a task with the same signature, in a slot or in slot 0. Containers and machine
+//! may have other names.
 //!
-//! None of this depends on what is current. So it can be found out while the machine before still runs, by whoever has the time, and what is left for the swap itself is
-//! [to copy](crate::Interpreter::take_over) what is current.
+//! None of this depends on what is current. So it can be found out while the machine before still
+//! runs, by whoever has the time, and what is left for the swap itself is [to
+//! copy](crate::Interpreter::take_over) what is current.
 //!
-//! **Bounds.** No recursion, no memory but the table. Each region instance is looked up once, and its states one by one, so that time is at most proportional to state instances times names.
-//! Names are looked for where the one before was found, so that between machines that differ little it is proportional to the names of the region instances.
+//! **Bounds.** No recursion, no memory but the table. Each region instance is looked up once, and
+//! its states one by one, so that time is at most proportional to state instances times names.
+//! Names are looked for where the one before was found, so that between machines that differ little
+//! it is proportional to the names of the region instances.
 
 use core::ops::Range;
 
@@ -17,11 +22,13 @@ use crate::tables::{Container, Names, StateKind, Tables};
 /// Stands for nothing over there.
 const NOBODY: u16 = u16::MAX;
 
-/// Entries of the table for each region instance: its pair, and what to add to a state over there to find the place of its entry.
+/// Entries of the table for each region instance: its pair, and what to add to a state over there
+/// to find the place of its entry.
 const OF_REGION: usize = 2;
 /// Entries for a pair of tasks, of nets.
 const OF_PAIR: usize = 2;
-/// Entries for a control flag of a superstate: region instance, state over there, bit here, bit over there.
+/// Entries for a control flag of a superstate: region instance, state over there, bit here, bit
+/// over there.
 const OF_FLAG: usize = 4;
 
 /// The table has not enough entries.
@@ -33,12 +40,15 @@ pub struct TooManyPairs {
     pub available: usize,
 }
 
-/// What one machine ("here") has in common with another ("there"), in a table that the caller lends: two entries for each region instance here, one for each state over there of a region that both
-/// have, two for each task state and for each net that both have, four for each control flag of a superstate that both have.
+/// What one machine ("here") has in common with another ("there"), in a table that the caller
+/// lends: two entries for each region instance here, one for each state over there of a region that
+/// both have, two for each task state and for each net that both have, four for each control flag
+/// of a superstate that both have.
 #[derive(Debug)]
 pub struct Pairing<'p> {
     table: &'p mut [u16],
-    /// Where what comes behind the region instances, the states, the tasks and the nets begins, and where the table ends.
+    /// Where what comes behind the region instances, the states, the tasks and the nets begins, and
+    /// where the table ends.
     states: usize,
     tasks: usize,
     nets: usize,
@@ -64,8 +74,9 @@ impl<'p> Pairing<'p> {
         self.table
     }
 
-    /// Finds out what two machines have in common: nothing, where names were left out. `outputs_of` says of the task with a signature's hash which of its data ports it writes, bit by bit; their nets
-    /// are paired.
+    /// Finds out what two machines have in common: nothing, where names were left out. `outputs_of`
+    /// says of the task with a signature's hash which of its data ports it writes, bit by bit;
+    /// their nets are paired.
     ///
     /// # Errors
     /// The table is too short; then there is nothing in common.
@@ -126,12 +137,14 @@ impl<'p> Pairing<'p> {
         self.pairs(self.tasks..self.nets)
     }
 
-    /// The nets that tasks write that both have: here and there, in the order of the tasks. A net may have several pairs.
+    /// The nets that tasks write that both have: here and there, in the order of the tasks. A net
+    /// may have several pairs.
     pub fn nets(&self) -> impl Iterator<Item = (usize, usize)> {
         self.pairs(self.nets..self.flags)
     }
 
-    /// The control flags that superstates of the same path have by the same name: region instance here, state over there, bit here, bit over there.
+    /// The control flags that superstates of the same path have by the same name: region instance
+    /// here, state over there, bit here, bit over there.
     pub(crate) fn flags(&self) -> impl Iterator<Item = [usize; OF_FLAG]> {
         let entries = self.table.get(self.flags..self.end).unwrap_or_default();
         let (flags, _) = entries.as_chunks::<OF_FLAG>();
@@ -331,7 +344,8 @@ fn inside(tables: &Tables<'_>, region: usize, state: usize) -> Option<Container>
     tables.container(tables.instance(around + instance_offset)?.container)
 }
 
-/// The names of one region after another. Going ahead costs what is between, going back begins anew.
+/// The names of one region after another. Going ahead costs what is between, going back begins
+/// anew.
 #[derive(Clone)]
 struct Place<'a> {
     tables: Tables<'a>,
@@ -415,7 +429,8 @@ fn skip(names: &mut Names<'_>, count: usize) {
     }
 }
 
-/// The states of one region, looked for by their names. Whoever asks in their order finds each at once: a search goes on behind what was found last, once round.
+/// The states of one region, looked for by their names. Whoever asks in their order finds each at
+/// once: a search goes on behind what was found last, once round.
 struct Search<'a> {
     /// From `initial` to `final`, which have no names.
     states: Range<usize>,
@@ -477,7 +492,8 @@ struct Finder<'h, 't> {
     /// For the superstates around.
     around_here: Place<'h>,
     around_there: Place<'t>,
-    /// The last container instance here, and the one over there, so that siblings need not look again.
+    /// The last container instance here, and the one over there, so that siblings need not look
+    /// again.
     last: Option<(usize, Option<usize>)>,
 }
 
@@ -493,7 +509,8 @@ impl<'h, 't> Finder<'h, 't> {
         })
     }
 
-    /// The region instance with the path of this one; `pair_of` tells those of the ones before it. Both places stand at their regions then.
+    /// The region instance with the path of this one; `pair_of` tells those of the ones before it.
+    /// Both places stand at their regions then.
     fn find(&mut self, region: usize, pair_of: impl Fn(usize) -> Option<usize>) -> Option<usize> {
         let (here, there) = (self.here.tables, self.there.tables);
         let instance = here.region_instance(region)?.instance;
@@ -531,7 +548,8 @@ impl<'h, 't> Finder<'h, 't> {
         None
     }
 
-    /// This region template over there, to which the place there goes, if it is in the container and has the name of the region that the place here stands at.
+    /// This region template over there, to which the place there goes, if it is in the container
+    /// and has the name of the region that the place here stands at.
     fn named_alike(&mut self, container: usize, template: usize) -> Option<usize> {
         if self.there.tables.region(template)?.container != container {
             return None;

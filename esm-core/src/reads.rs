@@ -1,18 +1,24 @@
 //! How the interpreter reads a verified blob and its arena: checked or unchecked.
 //!
-//! Both versions give the same for every place inside. Outside, [`Checked`] reads 0 and writes nothing, and [`Unchecked`] must not be asked. So each caller relies on an
-//! invariant, of which there are three:
+//! Both versions give the same for every place inside. Outside, [`Checked`] reads 0 and writes
+//! nothing, and [`Unchecked`] must not be asked. So each caller relies on an invariant, of which
+//! there are three:
 //!
-//! 1. *The blob is the one that was verified.* Bytes behind a [`StableBytes`] stay where they are and do not change, and a [`Verified`](crate::Verified) is made by the
-//!    verifier alone. Then sections are where its layout says, and each index, offset and span in a record points into its table.
-//! 2. *What the arena holds are indices out of the blob.* The interpreter is its only writer: a current state is an initial state or the target of a transition of
-//!    that region, and an event in the queue is the channel of an action.
-//! 3. *The arena is as long as the blob asks for*, which is compared when the interpreter is made. An index that comes from outside is compared before it is used.
+//! 1. *The blob is the one that was verified.* Bytes behind a [`StableBytes`] stay where they are
+//!    and do not change, and a [`Verified`](crate::Verified) is made by the verifier alone. Then
+//!    sections are where its layout says, and each index, offset and span in a record points into
+//!    its table.
+//! 2. *What the arena holds are indices out of the blob.* The interpreter is its only writer: a
+//!    current state is an initial state or the target of a transition of that region, and an event
+//!    in the queue is the channel of an action.
+//! 3. *The arena is as long as the blob asks for*, which is compared when the interpreter is made.
+//!    An index that comes from outside is compared before it is used.
 //!
-//! Besides, two can read one blob: who lends the bytes of a [`BlobBuffer`](crate::BlobBuffer) cannot change them until the reader is back.
+//! Besides, two can read one blob: who lends the bytes of a [`BlobBuffer`](crate::BlobBuffer)
+//! cannot change them until the reader is back.
 //!
-//! This is the only file of the crate with `unsafe`, and without the feature `unchecked`, which is a
-//! default, it has none. Tests run every input through both versions.
+//! This is the only file of the crate with `unsafe`, and without the feature `unchecked`, which is
+//! a default, it has none. Tests run every input through both versions.
 
 use core::ops::Deref;
 
@@ -34,12 +40,15 @@ pub type DefaultReads = Unchecked;
 #[cfg(not(feature = "unchecked"))]
 pub type DefaultReads = Checked;
 
-/// A way to read blobs that are kept in a `B`: [`Checked`] for all, [`Unchecked`] where they are [`StableBytes`].
+/// A way to read blobs that are kept in a `B`: [`Checked`] for all, [`Unchecked`] where they are
+/// [`StableBytes`].
 pub trait Reads<B: ?Sized>: access::Access {}
 
 impl<B: Deref<Target = [u8]>> Reads<B> for Checked {}
 
-/// Bytes that stay the same, wherever their owner is moved to: slices, [`BlobBuffer`](crate::BlobBuffer), and on hosts `Vec`, `Box`, `Rc` and `Arc`. Others can be read by [`Checked`].
+/// Bytes that stay the same, wherever their owner is moved to: slices,
+/// [`BlobBuffer`](crate::BlobBuffer), and on hosts `Vec`, `Box`, `Rc` and `Arc`. Others can be read
+/// by [`Checked`].
 pub trait StableBytes: Deref<Target = [u8]> + stable::Sealed {}
 
 impl<B: Deref<Target = [u8]> + stable::Sealed> StableBytes for B {}
@@ -66,14 +75,16 @@ pub(crate) mod stable {
 }
 
 pub(crate) mod access {
-    /// The reads and writes. Indices are words, halves or bits of a part of the arena, halves and bits low ones first.
+    /// The reads and writes. Indices are words, halves or bits of a part of the arena, halves and
+    /// bits low ones first.
     pub trait Access {
         /// The bytes of a blob, borrowed.
         type Blob<'b>: Copy;
-        /// A byte of the blob. It was made from the same bytes that it is read with, whose owner may
-        /// have been moved since.
+        /// A byte of the blob. It was made from the same bytes that it is read with, whose owner
+        /// may have been moved since.
         type Place: Copy + PartialEq + core::fmt::Debug;
-        /// A part of the arena, from some word on. It was made from the same arena that it is read with.
+        /// A part of the arena, from some word on. It was made from the same arena that it is read
+        /// with.
         type Part: Copy + core::fmt::Debug;
 
         /// Borrows the bytes of a blob.
@@ -104,7 +115,8 @@ pub(crate) mod access {
         fn load_half(arena: &[u32], part: Self::Part, index: usize) -> u16;
         /// Writes half a word of the arena.
         fn store_half(arena: &mut [u32], part: Self::Part, index: usize, value: u16);
-        /// At least 25 bits of the arena, from bit `at` on; the bits above mean nothing. The word behind is in the arena, too.
+        /// At least 25 bits of the arena, from bit `at` on; the bits above mean nothing. The word
+        /// behind is in the arena, too.
         fn window(arena: &[u32], part: Self::Part, at: usize) -> u32;
         /// Clears `count` bits of the arena, at most 25, from bit `at` on.
         fn clear_window(arena: &mut [u32], part: Self::Part, at: usize, count: u32);
@@ -231,11 +243,13 @@ mod unchecked {
     // SAFETY: as above.
     unsafe impl Sync for Byte {}
 
-    /// A word of an arena. It is no more than an address: whoever reads or writes there must bring the arena, too.
+    /// A word of an arena. It is no more than an address: whoever reads or writes there must bring
+    /// the arena, too.
     #[derive(Clone, Copy, Debug)]
     pub struct Word(usize);
 
-    /// The bytes of a blob, borrowed for `'b`. Which they are is looked at with debug assertions only.
+    /// The bytes of a blob, borrowed for `'b`. Which they are is looked at with debug assertions
+    /// only.
     #[derive(Clone, Copy)]
     pub struct Lent<'b> {
         #[cfg(debug_assertions)]
@@ -257,16 +271,16 @@ mod unchecked {
         }
         let at = core::ptr::with_exposed_provenance::<T>(at.addr());
         // SAFETY: invariant 1: a record that the verified tables speak of is inside. The bytes are
-        // borrowed as long as `lent` lives, and were exposed when it was made. `T` is a number, which
-        // any bytes are.
+        // borrowed as long as `lent` lives, and were exposed when it was made. `T` is a number,
+        // which any bytes are.
         unsafe { at.read_unaligned() }
     }
 
     /// The place of `T` so many bytes behind a word of the arena.
     #[inline(always)]
     fn in_arena<T>(arena: &[u32], Word(part): Word, bytes: usize) -> *const T {
-        // The arena may have been moved with its owner since the word was made, so it is used as it is
-        // borrowed now. It costs nothing: the address is the same.
+        // The arena may have been moved with its owner since the word was made, so it is used as it
+        // is borrowed now. It costs nothing: the address is the same.
         let from = part.wrapping_sub(arena.as_ptr().expose_provenance());
         debug_assert!(
             from + bytes + size_of::<T>() <= size_of_val(arena),
@@ -293,9 +307,10 @@ mod unchecked {
 
         #[inline(always)]
         fn blob(bytes: &[u8]) -> Lent<'_> {
-            // Their owner may have been moved since places were made, and one that alone may use them, as
-            // a `&mut` does, then ends what was borrowed from it before. So it is from the bytes as they are
-            // borrowed now that they are read. It costs nothing: the address is the same.
+            // Their owner may have been moved since places were made, and one that alone may use
+            // them, as a `&mut` does, then ends what was borrowed from it before. So it is from the
+            // bytes as they are borrowed now that they are read. It costs nothing: the address is
+            // the same.
             bytes.as_ptr().expose_provenance();
             Lent {
                 #[cfg(debug_assertions)]
@@ -348,7 +363,8 @@ mod unchecked {
 
         #[inline(always)]
         fn load(arena: &[u32], part: Word, index: usize) -> u32 {
-            // SAFETY: invariants 2 and 3: what the blob speaks of has its place in the arena, and so has what the arena itself speaks of. It is a whole word.
+            // SAFETY: invariants 2 and 3: what the blob speaks of has its place in the arena, and
+            // so has what the arena itself speaks of. It is a whole word.
             unsafe { in_arena::<u32>(arena, part, 4 * index).read() }
         }
 
@@ -434,7 +450,8 @@ mod storage {
 
         #[inline(always)]
         pub(crate) fn bytes(&self) -> &[u8] {
-            // SAFETY: they are borrowed for `'m`, and written by `bytes_mut` alone, whose borrow of all of this excludes the one here.
+            // SAFETY: they are borrowed for `'m`, and written by `bytes_mut` alone, whose borrow of
+            // all of this excludes the one here.
             unsafe { self.bytes.as_ref() }
         }
 
@@ -468,7 +485,8 @@ mod storage {
 
     impl Reader<'_> {
         pub(crate) fn bytes(&self) -> &[u8] {
-            // SAFETY: they are borrowed for `'m`, and the storage writes none as long as this is out.
+            // SAFETY: they are borrowed for `'m`, and the storage writes none as long as this is
+            // out.
             unsafe { self.bytes.as_ref() }
         }
     }

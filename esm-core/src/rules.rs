@@ -1,8 +1,12 @@
-//! The rules of the format that compare one number with another, as tables: three or four bytes a line, where code would take four times as many.
+//! The rules of the format that compare one number with another, as tables: three or four bytes a
+//! line, where code would take four times as many.
 //!
-//! A line speaks of *values*, each known by a small number: the fields of the records that were read last, how many records of each section there are and how many were
-//! come to, and what the [verifier](mod@crate::verify) keeps beside them. It compares two values, of which the second may be a sum; or it gives a value, or
-//! reads a record. The verifier applies the tables at each thing that it walks over. The lists are written below as lines, and [packed](PACKED) when the crate is compiled.
+//! A line speaks of *values*, each known by a small number: the fields of the records that were
+//! read last, how many records of each section there are and how many were come to, and what the
+//! [verifier](mod@crate::verify) keeps beside them. It compares two values, of which the second may
+//! be a sum; or it gives a value, or reads a record. The verifier applies the tables at each thing
+//! that it walks over. The lists are written below as lines, and [packed](PACKED) when the crate is
+//! compiled.
 
 use crate::format::{self, Section};
 use crate::layout::{
@@ -106,7 +110,8 @@ values! {
 }
 const _: () = assert!((BELOW_SCRATCH as usize) < VALUES);
 
-// Slots are through before the first state, and channels come behind the last: what is kept of them stands where that of states does meanwhile.
+// Slots are through before the first state, and channels come behind the last: what is kept of them
+// stands where that of states does meanwhile.
 
 /// The interpreter's slot.
 const INTERPRETER_SLOT: Value = RIGHT;
@@ -129,7 +134,8 @@ const END_WORD: Value = A;
 /// One past the last word of its row.
 const END_ROW: Value = B;
 
-// Transitions are tested when all else of their state is, and code is read when the states that it speaks of were: the same holds of these.
+// Transitions are tested when all else of their state is, and code is read when the states that it
+// speaks of were: the same holds of these.
 
 /// Always the first guard that is a mask.
 const GUARD_MASK: Value = ACTION_SEND;
@@ -223,18 +229,21 @@ pub(crate) const fn of_transition(field: Field) -> Value {
 /// One line.
 #[derive(Clone, Copy)]
 struct Rule {
-    /// One of the constants of [`rule`]; for comparisons with the [`Cause`] above, in the bits from [`rule::CAUSE_SHIFT`] on.
+    /// One of the constants of [`rule`]; for comparisons with the [`Cause`] above, in the bits from
+    /// [`rule::CAUSE_SHIFT`] on.
     what: u8,
     left: Value,
     a: Value,
     b: Value,
 }
 
-/// What a line does. In the bits above stands, for comparisons, the number of the [`Cause`] for which is refused what does not keep the rule.
+/// What a line does. In the bits above stands, for comparisons, the number of the [`Cause`] for
+/// which is refused what does not keep the rule.
 pub(crate) mod rule {
     /// The list ends.
     pub(crate) const END: u8 = 0;
-    /// Clears the bits in `left` that are clear in `a`. It needs no cause, and so it is told by where others have theirs.
+    /// Clears the bits in `left` that are clear in `a`. It needs no cause, and so it is told by
+    /// where others have theirs.
     pub(crate) const AND: u8 = END | 1 << CAUSE_SHIFT;
     /// Right if `left` is the sum of `a` and `b`.
     pub(crate) const IS: u8 = 1;
@@ -248,7 +257,8 @@ pub(crate) mod rule {
     pub(crate) const SUBTRACT: u8 = 5;
     /// Makes `left` the remainder of `a` by `b`; 0 if that is 0.
     pub(crate) const REMAINDER: u8 = 6;
-    /// Makes `left` the bits of `a` from bit number `b` on, and the value behind `left` those below.
+    /// Makes `left` the bits of `a` from bit number `b` on, and the value behind `left` those
+    /// below.
     pub(crate) const SPLIT: u8 = 7;
     /// Sets the bit in `left` that `a` says, by its remainder by 32.
     pub(crate) const BIT: u8 = 8;
@@ -256,7 +266,8 @@ pub(crate) mod rule {
     pub(crate) const NUMBER: u8 = 9;
     /// Reads the record `a` of the section `left` to the values from `b` on.
     pub(crate) const READ: u8 = 10;
-    /// Passes over as many bytes as `b` says, and where that is 0 those in the bits from [`PASSED_SHIFT`] on; but not if `left` is `a`.
+    /// Passes over as many bytes as `b` says, and where that is 0 those in the bits from
+    /// [`PASSED_SHIFT`] on; but not if `left` is `a`.
     pub(crate) const GIVEN: u8 = 11;
     /// The same, but not if `left` is below `a`.
     pub(crate) const GIVEN_BELOW: u8 = 12;
@@ -366,7 +377,8 @@ const fn apply_given(left: Value, right: Value, list: List) -> Rule {
     line(rule::APPLY, left, right, list as u8)
 }
 
-/// Lists of rules. A list applies only such as stand behind it, so the depth to which they apply one another is bounded.
+/// Lists of rules. A list applies only such as stand behind it, so the depth to which they apply
+/// one another is bounded.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(crate) enum List {
@@ -415,8 +427,10 @@ const LISTS: [&[Rule]; 18] = [
 /// A list begins at a multiple of this, so that one byte can say where.
 pub(crate) const LIST_ALIGNMENT: usize = 5;
 
-/// All lists as the verifier reads them. A line is what it does, `left`, `a` and `b`, a byte each; `b` is left out where it is 0, and the highest bit of `left` says that it is not. A list
-/// applies another one by where that begins, in units of [`LIST_ALIGNMENT`]. Lines that may be passed over are counted in bytes, and where those are few they stand with what the line does.
+/// All lists as the verifier reads them. A line is what it does, `left`, `a` and `b`, a byte each;
+/// `b` is left out where it is 0, and the highest bit of `left` says that it is not. A list applies
+/// another one by where that begins, in units of [`LIST_ALIGNMENT`]. Lines that may be passed over
+/// are counted in bytes, and where those are few they stand with what the line does.
 pub(crate) const PACKED: [u8; PACKED_BYTES] = {
     let mut packed = [0; PACKED_BYTES];
     let mut list = 0;
@@ -467,7 +481,8 @@ pub(crate) const LONG: u8 = 1 << 7;
 /// Bytes of a line without one.
 pub(crate) const SHORT_BYTES: usize = 3;
 
-/// All of them. A line is read with the byte behind it, which is there: at least the list's end. Where less is left, it is this end.
+/// All of them. A line is read with the byte behind it, which is there: at least the list's end.
+/// Where less is left, it is this end.
 const PACKED_BYTES: usize = begin_of(LISTS.len());
 
 /// Where a list begins among those that are packed.
@@ -571,7 +586,8 @@ const MISSION: &[Rule] = &[
 /// A word of a row is for 2 to the power of this many region instances.
 const WORD_BITS_SHIFT: u8 = u32::BITS.trailing_zeros() as u8;
 
-/// A slot, with those before it. The interpreter's starts at 0, for the time of a machine is that of its slots.
+/// A slot, with those before it. The interpreter's starts at 0, for the time of a machine is that
+/// of its slots.
 const SLOT: &[Rule] = &[
     read(Slots, NUMBER, OF_SLOT),
     below(ZERO, of_slot(slot::NUMBER), Range),
@@ -585,8 +601,9 @@ const SLOT: &[Rule] = &[
     add(NUMBER, ONE),
 ];
 
-/// A slot and one before it. Slots are strictly periodic: two of them never overlap if and only if they do not within the greatest common divisor of
-/// their periods (Korst, Aarts, Lenstra 1996). A slot without duration may start where another does.
+/// A slot and one before it. Slots are strictly periodic: two of them never overlap if and only if
+/// they do not within the greatest common divisor of their periods (Korst, Aarts, Lenstra 1996). A
+/// slot without duration may start where another does.
 const EARLIER_SLOT: &[Rule] = &[
     read(Slots, EARLIER, HERE),
     add(EARLIER, ONE),
@@ -629,7 +646,8 @@ const INSTANCE: &[Rule] = &[
     is(of_instance(instance::FIRST_FLAG), ZERO, Template),
     is(of_instance(instance::FIRST_TASK), ZERO, Template),
     is(of_instance(instance::AROUND), ZERO, Template),
-    // Behind its last region comes what comes behind the region around; around the machine there is none.
+    // Behind its last region comes what comes behind the region around; around the machine there is
+    // none.
     read(RegionInstances, of_instance(instance::AROUND), HERE),
     let_be(BEHIND, here(region_instance::NEXT)),
     given(NUMBER, ZERO, 1),
@@ -679,7 +697,8 @@ const REGION_OF_INSTANCE: &[Rule] = &[
     let_be(END_STATE, at(OF_NEXT_REGION, region::FIRST_STATE)),
     given(END_STATE, NONE, 1),
     let_be(END_STATE, count(States)),
-    // In a container's first instance its template is under test, too: two states at least, behind those of the region before.
+    // In a container's first instance its template is under test, too: two states at least, behind
+    // those of the region before.
     given(of_container(container::FIRST_INSTANCE), NUMBER, 5),
     add(seen(Regions), ONE),
     is(NEXT_STATE, seen(States), Order),
@@ -691,7 +710,8 @@ const REGION_OF_INSTANCE: &[Rule] = &[
     let_sum(SCRATCH, NEXT_STATE, ONE),
     below(SCRATCH, END_STATE, Order),
     while_below(NEXT_STATE, END_STATE, List::State),
-    // Its record is what the template makes of it. Behind the last region stands what is behind the region around.
+    // Its record is what the template makes of it. Behind the last region stands what is behind the
+    // region around.
     read(RegionInstances, REGION, HERE),
     let_be(SCRATCH, BEHIND),
     let_be(IS_LAST, ONE),
@@ -797,7 +817,8 @@ const TASK: &[Rule] = &[
     let_sum(RIGHT, TASK_FLAGS, here(task::FLAGS)),
 ];
 
-/// A superstate: the record of the instance inside. What the first instance of the container around makes of this state holds for all of them.
+/// A superstate: the record of the instance inside. What the first instance of the container around
+/// makes of this state holds for all of them.
 const SUPER: &[Rule] = &[
     let_sum(
         SCRATCH,
@@ -841,7 +862,8 @@ const SUPER: &[Rule] = &[
 /// A state of a template.
 const TEMPLATE_STATE: &[Rule] = &[
     read(States, STATE, OF_STATE),
-    // The first of its region is `initial` and the last is `final`, without anything; between them are others.
+    // The first of its region is `initial` and the last is `final`, without anything; between them
+    // are others.
     subtract(SCRATCH, of_state(state::SHAPE), FLAGS),
     add(RIGHT, SCRATCH),
     given(STATE, of_region(region::FIRST_STATE), 1),
@@ -885,8 +907,9 @@ const TEMPLATE_STATE: &[Rule] = &[
     is(of_state(state::B), B, Order),
 ];
 
-/// The next transition. In its guard and its actions a flag is one at the head of the block of its instance or one of the state's own: for the guard of the state that is left, for actions of
-/// the one that is entered. What is not for actions to write stands first in both.
+/// The next transition. In its guard and its actions a flag is one at the head of the block of its
+/// instance or one of the state's own: for the guard of the state that is left, for actions of the
+/// one that is entered. What is not for actions to write stands first in both.
 const TRANSITION: &[Rule] = &[
     read(Transitions, seen(Transitions), OF_TRANSITION),
     read(States, of_transition(transition::TARGET), HERE),
@@ -1033,7 +1056,8 @@ const CODE: &[Rule] = &[
 
 /// A transition on the pulse.
 const PULSE_TRANSITION: &[Rule] = &[
-    // From a real-time task state without timeout and with few flags to itself, with a single `send`.
+    // From a real-time task state without timeout and with few flags to itself, with a single
+    // `send`.
     given(KIND, KIND_TASK, 5),
     given(of_transition(transition::TARGET), STATE, 4),
     number(SCRATCH, format::PLAIN_FLAGS + 1),

@@ -1,14 +1,16 @@
-//! The signature of a task: one line of text that says everything a firmware and a mission must agree on.
+//! The signature of a task: one line of text that says everything a firmware and a mission must
+//! agree on.
 //!
 //! ```text
 //! task Cruise{in data scan:SonarScan optional within 500000;out data cmd:Twist;in flag go;out flag near;param speed:f32;}
 //! ```
 //!
-//! First the data ports in the order of their declaration, then the flags, then the parameters. No blanks but single ones between
-//! words; the time behind `within` is in microseconds, in decimal, without leading zeros. Defaults, bounds, slots, execution
-//! times and descriptions are not part of it. Two tasks are the same for the framework if their
-//! texts are equal. The hash of the text is a short name for it: it is quick to look up, but only the text itself proves
-//! equality, since anybody can construct two texts with one FNV hash.
+//! First the data ports in the order of their declaration, then the flags, then the parameters. No
+//! blanks but single ones between words; the time behind `within` is in microseconds, in decimal,
+//! without leading zeros. Defaults, bounds, slots, execution times and descriptions are not part of
+//! it. Two tasks are the same for the framework if their texts are equal. The hash of the text is a
+//! short name for it: it is quick to look up, but only the text itself proves equality, since
+//! anybody can construct two texts with one FNV hash.
 
 use crate::format::MAX_TIME_US;
 
@@ -87,7 +89,8 @@ pub struct PortCounts {
     pub params: usize,
 }
 
-/// A signature's text, taken apart on demand. Reading one that is malformed yields fewer ports, never a panic.
+/// A signature's text, taken apart on demand. Reading one that is malformed yields fewer ports,
+/// never a panic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Signature<'a> {
     text: &'a [u8],
@@ -126,7 +129,8 @@ impl<'a> Signature<'a> {
         }
     }
 
-    /// Counts the ports, if the whole text is well formed: `None` otherwise. The one place where a text is judged.
+    /// Counts the ports, if the whole text is well formed: `None` otherwise. The one place where a
+    /// text is judged.
     #[must_use]
     pub fn counts(self) -> Option<PortCounts> {
         let (_, body) = self.split()?;
@@ -210,7 +214,8 @@ fn port(text: &[u8]) -> Option<(Port<'_>, &[u8])> {
     }
 }
 
-/// Splits off a time from 1 to [`MAX_TIME_US`], in decimal and without leading zeros: each time has one text.
+/// Splits off a time from 1 to [`MAX_TIME_US`], in decimal and without leading zeros: each time has
+/// one text.
 fn time_us(text: &[u8]) -> Option<(u32, &[u8])> {
     let mut time_us = 0_u32;
     let mut rest = text;

@@ -1,16 +1,19 @@
-//! Names and signatures: what people and task registries read of a blob, and the interpreter never does.
+//! Names and signatures: what people and task registries read of a blob, and the interpreter never
+//! does.
 //!
-//! [`verify`](crate::verify()) leaves texts alone but for where they begin and end. A firmware compares each signature, letter by letter, with that of its own
-//! task, and its own task's ports with the counts and the nets' types that the blob gives; that covers all but the names and takes less flash. Host tools,
-//! which have no tasks to compare with, call [`check`] instead.
+//! [`verify`](crate::verify()) leaves texts alone but for where they begin and end. A firmware
+//! compares each signature, letter by letter, with that of its own task, and its own task's ports
+//! with the counts and the nets' types that the blob gives; that covers all but the names and takes
+//! less flash. Host tools, which have no tasks to compare with, call [`check`] instead.
 
 use crate::format::Section;
 use crate::signature::{Port, fnv1a, is_identifier_part};
 use crate::tables::Tables;
 use crate::verify::{Cause, Refusal};
 
-/// Checks the texts of a verified blob: signatures are well formed, with the hash and the counts that the blob gives them; ports on one
-/// net have one type; and a name table, where there is one, names everything.
+/// Checks the texts of a verified blob: signatures are well formed, with the hash and the counts
+/// that the blob gives them; ports on one net have one type; and a name table, where there is one,
+/// names everything.
 ///
 /// # Errors
 /// The first record that is wrong.

@@ -1,7 +1,9 @@
-//! Who may ask for what: which requests need a key's signature, and what is signed. Both ends of a link follow it.
+//! Who may ask for what: which requests need a key's signature, and what is signed. Both ends of a
+//! link follow it.
 //!
-//! A robot with a key carries out a request that changes something only if the key has signed it: those bytes, for this once
-//! ([`Request::Signed`]). What only reads is open to everyone, and so are [`Request::Stop`] and [`Request::EmergencyStop`]: whoever sees a robot do harm may stop it.
+//! A robot with a key carries out a request that changes something only if the key has signed it:
+//! those bytes, for this once ([`Request::Signed`]). What only reads is open to everyone, and so
+//! are [`Request::Stop`] and [`Request::EmergencyStop`]: whoever sees a robot do harm may stop it.
 
 use serde::{Deserialize, Serialize};
 
@@ -48,7 +50,8 @@ pub const NO_UPLOAD: [u8; SIGNATURE_BYTES] = [0; SIGNATURE_BYTES];
 /// Whether a robot has a key, as it tells with its [`Hello`](crate::message::Response::Hello).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Access {
-    /// It cannot have one: its firmware was built without, or has nowhere to keep it. It takes requests from anyone.
+    /// It cannot have one: its firmware was built without, or has nowhere to keep it. It takes
+    /// requests from anyone.
     #[default]
     Unsupported,
     /// It has none. It takes requests from anyone, [`Request::InstallKey`] among them.
@@ -60,8 +63,8 @@ pub enum Access {
     /// Its records cannot be read, but it remembers the key that it had. It takes nothing but a key
     /// that this one has signed: that begins its records anew.
     Recovering,
-    /// Its records cannot be read, and it is certain that it had no key. It takes nothing but a key,
-    /// from anyone: that begins its records anew.
+    /// Its records cannot be read, and it is certain that it had no key. It takes nothing but a
+    /// key, from anyone: that begins its records anew.
     Damaged,
 }
 
@@ -70,7 +73,8 @@ pub enum Access {
 pub enum Needs {
     /// Nothing: everyone may.
     Nothing,
-    /// The owner's [session](Request::OpenSession): it costs the robot time, or what the owner uploads.
+    /// The owner's [session](Request::OpenSession): it costs the robot time, or what the owner
+    /// uploads.
     Session,
     /// The key's signature.
     Key,
@@ -132,8 +136,9 @@ pub fn needs(request: &Request<'_>) -> Needs {
     }
 }
 
-/// Whether a request may be brought [within a time](Request::Within). A session's beginning and the parts of an upload may come at any time, and what holds another
-/// request is held by none but [`Request::Signed`] and [`Request::Proven`].
+/// Whether a request may be brought [within a time](Request::Within). A session's beginning and the
+/// parts of an upload may come at any time, and what holds another request is held by none but
+/// [`Request::Signed`] and [`Request::Proven`].
 pub fn may_have_deadline(request: &Request<'_>) -> bool {
     !matches!(
         request,
@@ -159,8 +164,9 @@ pub fn may_be_proven(request: &Request<'_>) -> bool {
     )
 }
 
-/// What is signed for a request: the bytes of `request` as they are in [`Request::Signed`], the robot's nonce, and, if it is a [`Request::Commit`], the
-/// signature of the upload that it is about; otherwise [`NO_UPLOAD`].
+/// What is signed for a request: the bytes of `request` as they are in [`Request::Signed`], the
+/// robot's nonce, and, if it is a [`Request::Commit`], the signature of the upload that it is
+/// about; otherwise [`NO_UPLOAD`].
 pub fn command<'a>(
     nonce: &'a [u8; NONCE_BYTES],
     upload: &'a [u8; SIGNATURE_BYTES],

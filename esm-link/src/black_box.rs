@@ -1,4 +1,5 @@
-//! Records of the flight recorder, as a robot sends them with [`Response::BlackBox`](crate::message::Response::BlackBox).
+//! Records of the flight recorder, as a robot sends them with
+//! [`Response::BlackBox`](crate::message::Response::BlackBox).
 
 use crate::message::{Mode, ResetReason};
 
@@ -10,7 +11,8 @@ pub const RECORD_BYTES: usize = 16;
 pub enum Event {
     /// The firmware started. Times count from here.
     Started(ResetReason),
-    /// The firmware ended by itself, for this reason. `detail` is the line of a panic, the address of a fault.
+    /// The firmware ended by itself, for this reason. `detail` is the line of a panic, the address
+    /// of a fault.
     Ended {
         /// Why.
         reason: ResetReason,
@@ -143,7 +145,8 @@ impl Record {
         })
     }
 
-    /// The record as the link carries it: sequence number (4 bytes), time (6), kind, small value, large value (4); little endian.
+    /// The record as the link carries it: sequence number (4 bytes), time (6), kind, small value,
+    /// large value (4); little endian.
     pub fn to_bytes(&self) -> [u8; RECORD_BYTES] {
         let (kind, small, large) = self.event.pack();
         let [s0, s1, s2, s3] = self.sequence.to_le_bytes();

@@ -1,8 +1,10 @@
-//! What a firmware can be built without, and what a robot says of it with [`Response::Features`](crate::message::Response::Features).
+//! What a firmware can be built without, and what a robot says of it with
+//! [`Response::Features`](crate::message::Response::Features).
 
 use serde::{Deserialize, Serialize};
 
-/// What a firmware can be built without, as far as a host can ask for it. Each has the number of its bit among [`Features`].
+/// What a firmware can be built without, as far as a host can ask for it. Each has the number of
+/// its bit among [`Features`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Feature {
     /// What enters the interpreter can be recorded.
@@ -59,7 +61,8 @@ impl Feature {
     }
 }
 
-/// What a firmware has of all [features](Feature): a set of bits. Bits that nobody here knows are kept as they are.
+/// What a firmware has of all [features](Feature): a set of bits. Bits that nobody here knows are
+/// kept as they are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Features(pub u32);
 

@@ -1,15 +1,18 @@
 //! Frames: messages as they travel over a stream of bytes.
 //!
-//! A message is serialized with postcard, followed by the CRC-32 of that (little endian), encoded with COBS so that no byte of it is 0,
-//! and ended by a byte 0. Whoever joins in the middle, or meets noise, is back in step after the next 0.
+//! A message is serialized with postcard, followed by the CRC-32 of that (little endian), encoded
+//! with COBS so that no byte of it is 0, and ended by a byte 0. Whoever joins in the middle, or
+//! meets noise, is back in step after the next 0.
 
 use serde::{Deserialize, Serialize};
 
 use crate::access::{MAX_PROVEN_BYTES, PROOF_BYTES};
 
-/// Greatest number of bytes of a serialized message: that of the longest request in an owner's session.
+/// Greatest number of bytes of a serialized message: that of the longest request in an owner's
+/// session.
 pub const MAX_MESSAGE_BYTES: usize = 9 + PROOF_BYTES + MAX_PROVEN_BYTES;
-/// Greatest number of bytes of a serialized message from a robot. It has no room for more than it says.
+/// Greatest number of bytes of a serialized message from a robot. It has no room for more than it
+/// says.
 pub const MAX_REPLY_BYTES: usize = 176;
 /// Bytes of a message's checksum.
 pub const CRC_BYTES: usize = 4;
@@ -20,7 +23,8 @@ pub const MAX_REPLY_FRAME_BYTES: usize = MAX_REPLY_BYTES + CRC_BYTES + 2;
 /// The byte that ends a frame.
 pub const DELIMITER: u8 = 0;
 
-/// CRC-32 (IEEE 802.3) of some bytes: the one that blobs, frames and [`Request::Begin`](crate::message::Request::Begin) use.
+/// CRC-32 (IEEE 802.3) of some bytes: the one that blobs, frames and
+/// [`Request::Begin`](crate::message::Request::Begin) use.
 pub fn checksum(bytes: &[u8]) -> u32 {
     esm_core::format::crc32(bytes)
 }
@@ -55,8 +59,8 @@ impl core::fmt::Display for FrameError {
 
 impl core::error::Error for FrameError {}
 
-/// Writes a message as a frame, delimiter included, to the beginning of `frame`, which needs room for [`MAX_FRAME_BYTES`] at most.
-/// Returns the frame's length.
+/// Writes a message as a frame, delimiter included, to the beginning of `frame`, which needs room
+/// for [`MAX_FRAME_BYTES`] at most. Returns the frame's length.
 ///
 /// # Errors
 /// [`FrameError::TooLong`]
@@ -64,7 +68,8 @@ pub fn encode(message: &impl Serialize, frame: &mut [u8]) -> Result<usize, Frame
     encode_with(message, frame, |_| ())
 }
 
-/// The same, of a message that is `completed` where it lies, serialized: with a proof of its own bytes.
+/// The same, of a message that is `completed` where it lies, serialized: with a proof of its own
+/// bytes.
 ///
 /// # Errors
 /// [`FrameError::TooLong`]
@@ -86,7 +91,8 @@ pub fn encode_with(
     };
     place.copy_from_slice(&crc);
     *end = DELIMITER;
-    // COBS, in place, which a frame is short enough for: each 0 gives way to the distance to the next, the first byte tells the first distance.
+    // COBS, in place, which a frame is short enough for: each 0 gives way to the distance to the
+    // next, the first byte tells the first distance.
     const { assert!(MAX_MESSAGE_BYTES + CRC_BYTES < 254) };
     let len = len + CRC_BYTES;
     let mut distance = 1;
@@ -102,7 +108,8 @@ pub fn encode_with(
     Ok(len + 2)
 }
 
-/// Reads the message of a frame, whose delimiter may be left out. The bytes are decoded in place, and the message borrows them.
+/// Reads the message of a frame, whose delimiter may be left out. The bytes are decoded in place,
+/// and the message borrows them.
 ///
 /// # Errors
 /// See [`FrameError`].
@@ -167,8 +174,8 @@ impl FrameReader {
         }
     }
 
-    /// Takes one byte. Returns a frame, to be [decoded](decode), if this byte ended one. Empty frames and such that are longer than
-    /// frames can be are passed over.
+    /// Takes one byte. Returns a frame, to be [decoded](decode), if this byte ended one. Empty
+    /// frames and such that are longer than frames can be are passed over.
     pub fn push(&mut self, byte: u8) -> Option<&mut [u8]> {
         if byte == DELIMITER {
             if planted!(OutOfStep) && self.overflow {

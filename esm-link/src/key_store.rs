@@ -65,20 +65,23 @@ impl From<NotKept> for WriteError {
 
 /// Where a board keeps what belongs to its key.
 pub trait KeyStore {
-    /// Reads a record into the beginning of `room`. Answers its length; 0 where there is none, or an empty one.
+    /// Reads a record into the beginning of `room`. Answers its length; 0 where there is none, or
+    /// an empty one.
     ///
     /// # Errors
     /// [`NotKept`]: there may be one, and it cannot be read, or has no room.
     fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept>;
 
-    /// Replaces a record. When it returns, the new one outlasts a loss of power; cut before, the old one stays as it was.
+    /// Replaces a record. When it returns, the new one outlasts a loss of power; cut before, the
+    /// old one stays as it was.
     ///
     /// # Errors
     /// [`WriteError::NotKept`]: the old one may have stayed. [`WriteError::Budget`]: it has.
     fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError>;
 
-    /// Where the records cannot be read: reads the [key record](KeyRecord::Key) that was written last into the beginning of `room`. Answers its length; 0 where it is
-    /// certain that there was none.
+    /// Where the records cannot be read: reads the [key record](KeyRecord::Key) that was written
+    /// last into the beginning of `room`. Answers its length; 0 where it is certain that there was
+    /// none.
     ///
     /// # Errors
     /// [`NotKept`]: it is not known, or has no room; or a board keeps no such thing.
@@ -87,8 +90,10 @@ pub trait KeyStore {
         Err(NotKept)
     }
 
-    /// Where the records cannot be read: writes them anew, with this key record and an emergency stop that is latched, and with nothing else. When it returns, they can be read.
-    /// To be called for who has proven to be the owner of the key that is [remembered](KeyStore::remembered_key). The counter of uploads starts anew.
+    /// Where the records cannot be read: writes them anew, with this key record and an emergency
+    /// stop that is latched, and with nothing else. When it returns, they can be read. To be called
+    /// for who has proven to be the owner of the key that is
+    /// [remembered](KeyStore::remembered_key). The counter of uploads starts anew.
     ///
     /// # Errors
     /// They are damaged as before; or new ones are there all the same, and can be read.
@@ -98,7 +103,8 @@ pub trait KeyStore {
     }
 }
 
-/// A place that keeps nothing beyond a reset: for a board that is a part of a process, and for tests.
+/// A place that keeps nothing beyond a reset: for a board that is a part of a process, and for
+/// tests.
 #[derive(Clone, Debug, Default)]
 pub struct Volatile {
     key: Option<[u8; KEY_RECORD_BYTES]>,

@@ -1,11 +1,13 @@
 //! The robot's key: what is kept of it, and what it is asked to allow.
 //!
-//! What an attacker in the line can do at most is to keep requests from arriving. To that end each thing that is signed holds what makes it good for once:
-//! a request the robot's nonce, which is used up by the first try and lives for [`NONCE_LIFE_US`]; an upload a counter, which only goes up, and which is kept
-//! before the mission runs.
+//! What an attacker in the line can do at most is to keep requests from arriving. To that end each
+//! thing that is signed holds what makes it good for once: a request the robot's nonce, which is
+//! used up by the first try and lives for [`NONCE_LIFE_US`]; an upload a counter, which only goes
+//! up, and which is kept before the mission runs.
 //!
-//! A signature takes a tenth of a second to verify. So it is looked at in the owner's session only, which strangers have no
-//! part in: its requests have a [proof](crate::proof), which takes next to no time. After a wrong signature the robot looks at none for [`PAUSE_AFTER_WRONG_US`].
+//! A signature takes a tenth of a second to verify. So it is looked at in the owner's session only,
+//! which strangers have no part in: its requests have a [proof](crate::proof), which takes next to
+//! no time. After a wrong signature the robot looks at none for [`PAUSE_AFTER_WRONG_US`].
 
 use ed25519_compact::{PublicKey, Signature, VerifyingState};
 
@@ -155,7 +157,8 @@ impl Keys {
         if let Some(start) = self.start {
             return Ok(start);
         }
-        // Nothing can be written beside damage, and what its owner has to say is said in one session.
+        // Nothing can be written beside damage, and what its owner has to say is said in one
+        // session.
         let start = match self.lock {
             Lock::Recovering(_) => 0,
             _ => {
@@ -328,7 +331,8 @@ impl Keys {
         Ok(SignedUpload { counter, signature })
     }
 
-    /// Whether the key has signed a request, with the nonce that was given out last. That is used up, whatever comes of it. Answers when the nonce's life ends.
+    /// Whether the key has signed a request, with the nonce that was given out last. That is used
+    /// up, whatever comes of it. Answers when the nonce's life ends.
     pub fn check_command(
         &mut self,
         safe: &mut dyn KeyStore,
@@ -411,7 +415,8 @@ impl Keys {
         Ok(())
     }
 
-    /// Keeps a record. Where that is refused it may be kept all the same: then what holds is what will be read at the next start.
+    /// Keeps a record. Where that is refused it may be kept all the same: then what holds is what
+    /// will be read at the next start.
     fn write(
         &mut self,
         safe: &mut dyn KeyStore,
@@ -461,7 +466,8 @@ impl Keys {
 
 /// Whether a key has signed a message, which is given in pieces.
 ///
-/// Verification is cut in three, none of them inlined, so that only the hungriest is on the stack: 4.5 KiB instead of 6.
+/// Verification is cut in three, none of them inlined, so that only the hungriest is on the stack:
+/// 4.5 KiB instead of 6.
 pub fn is_signed(
     key: &[u8; KEY_BYTES],
     signature: &[u8; SIGNATURE_BYTES],
@@ -478,7 +484,8 @@ pub fn is_signed(
     end(state)
 }
 
-/// Reads key and signature. Leaves nothing where they are no points of the curve, or points that every message would fit.
+/// Reads key and signature. Leaves nothing where they are no points of the curve, or points that
+/// every message would fit.
 #[inline(never)]
 fn begin(
     key: &[u8; KEY_BYTES],

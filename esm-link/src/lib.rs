@@ -1,12 +1,14 @@
 //! The link between a robot and its host: frames, messages, keys, and records.
 //!
-//! A link is a stream of bytes in each direction, which may lose, change or double some of them. On it travel [frames](frame); a frame
-//! holds one [message]. The host asks and the robot answers, one request at a time: a request without an answer is sent again
-//! under the same sequence number, and the robot, which remembers its last answer, does nothing twice. Beside answers the robot
-//! sends [trace records](trace), a [recording] and log bytes as streams, where there is room between answers.
+//! A link is a stream of bytes in each direction, which may lose, change or double some of them. On
+//! it travel [frames](frame); a frame holds one [message]. The host asks and the robot answers, one
+//! request at a time: a request without an answer is sent again under the same sequence number, and
+//! the robot, which remembers its last answer, does nothing twice. Beside answers the robot sends
+//! [trace records](trace), a [recording] and log bytes as streams, where there is room between
+//! answers.
 //!
-//! There is no I/O here, no clock, no thread and no allocation: bytes and times come in, bytes and deadlines go out. So firmware, the
-//! `esm` command and a page in a browser run the same code.
+//! There is no I/O here, no clock, no thread and no allocation: bytes and times come in, bytes and
+//! deadlines go out. So firmware, the `esm` command and a page in a browser run the same code.
 //!
 //! ```
 //! use esm_link::frame::{self, FrameReader, MAX_FRAME_BYTES};

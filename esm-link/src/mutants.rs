@@ -1,4 +1,5 @@
-//! Mutants: defects that tests plant into the link, one at a time, to see that they are found. Shipped code has none of this.
+//! Mutants: defects that tests plant into the link, one at a time, to see that they are found.
+//! Shipped code has none of this.
 
 use std::cell::Cell;
 

@@ -1,12 +1,13 @@
-//! News: what a robot tells without being asked each time, where a host wants it. A sample of its counters each period, and one at once when its mode, its
-//! mission or the trial of that changes.
+//! News: what a robot tells without being asked each time, where a host wants it. A sample of its
+//! counters each period, and one at once when its mode, its mission or the trial of that changes.
 
 use serde::{Deserialize, Serialize};
 
 use crate::message::Mode;
 use crate::trial::FallBack;
 
-/// The shortest period of samples, in milliseconds: a shorter one counts as this. A sample is less than 8 ms of a line of 115,200 baud.
+/// The shortest period of samples, in milliseconds: a shorter one counts as this. A sample is less
+/// than 8 ms of a line of 115,200 baud.
 pub const SHORTEST_PERIOD_MS: u32 = 10;
 
 /// Why there are news.
@@ -27,7 +28,8 @@ pub enum Cause {
 /// How a robot is, in short.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct News {
-    /// Counts news modulo 256, from 0 at [`Request::Watch`](crate::message::Request::Watch): a gap are news that the line lost.
+    /// Counts news modulo 256, from 0 at [`Request::Watch`](crate::message::Request::Watch): a gap
+    /// are news that the line lost.
     pub seq: u8,
     /// Why. Of several causes the first in this order: mission, trial, mode, period.
     pub cause: Cause,

@@ -1,18 +1,25 @@
-//! What entered the interpreter, as compact binary records: enough to have the same run again. The firmware writes them between macro steps, whoever replays reads them.
+//! What entered the interpreter, as compact binary records: enough to have the same run again. The
+//! firmware writes them between macro steps, whoever replays reads them.
 //!
-//! A macro step is made of what the machine is and of the flags that tasks wrote since the one before, so these are all that is recorded, by how they differ. A macro step before which nothing
+//! A macro step is made of what the machine is and of the flags that tasks wrote since the one
+//! before, so these are all that is recorded, by how they differ. A macro step before which nothing
 //! changed only lengthens a count.
 //!
-//! A record begins with a number, written as in [trace records](crate::trace): four times the macro steps without a change before it, and what follows in the two low bits. 1 and 2
-//! are as many changed bits, 3 is three and as many more as the next number says; 0 is one of the kinds below, whose byte is next. Bits are counted as in
-//! [`Interpreter::input_words`](esm_core::Interpreter::input_words): flags, and from the next multiple of 32 on the enable bits of task instances. The first is a number, each further one
-//! the difference from the one before. Each such bit is turned over, and then the next macro step is made.
+//! A record begins with a number, written as in [trace records](crate::trace): four times the macro
+//! steps without a change before it, and what follows in the two low bits. 1 and 2 are as many
+//! changed bits, 3 is three and as many more as the next number says; 0 is one of the kinds below,
+//! whose byte is next. Bits are counted as in
+//! [`Interpreter::input_words`](esm_core::Interpreter::input_words): flags, and from the next
+//! multiple of 32 on the enable bits of task instances. The first is a number, each further one the
+//! difference from the one before. Each such bit is turned over, and then the next macro step is
+//! made.
 
 use esm_core::{Fault, Progress};
 
 use crate::trace::{RecordSink, TraceError, byte, hash, put_number, take};
 
-/// Macro steps without a change after which a record says so, at most: a reader is never further behind than this.
+/// Macro steps without a change after which a record says so, at most: a reader is never further
+/// behind than this.
 pub const MAX_QUIET: u32 = 128;
 
 /// Bytes of [`Recorded::State`] at most beside its words, and of each word.
@@ -23,7 +30,8 @@ pub const STATE_WORD_BYTES: usize = 5;
 /// Something that entered the interpreter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Recorded<'a> {
-    /// These bits of flags and enable bits were turned over before the next macro step, which is made.
+    /// These bits of flags and enable bits were turned over before the next macro step, which is
+    /// made.
     Changes {
         /// Macro steps before that one without a change.
         quiet: u32,
@@ -39,7 +47,8 @@ pub enum Recorded<'a> {
     Started {
         /// Macro steps of the mission before, without a change, since the last record.
         quiet: u32,
-        /// Whether something before it did not come, or never will: it is the first that this subscription brings, or records before it found no room.
+        /// Whether something before it did not come, or never will: it is the first that this
+        /// subscription brings, or records before it found no room.
         anew: bool,
         /// Its hash.
         mission: u32,
@@ -53,7 +62,8 @@ pub enum Recorded<'a> {
         /// How many were left out.
         missed: u32,
     },
-    /// All that the machine is before the next macro step: where a recording begins in the middle of a mission, and after what was lost.
+    /// All that the machine is before the next macro step: where a recording begins in the middle
+    /// of a mission, and after what was lost.
     State {
         /// As of [`Recorded::Started`].
         anew: bool,
@@ -63,7 +73,8 @@ pub enum Recorded<'a> {
         start_us: u64,
         /// Numbers of the machine.
         progress: Progress,
-        /// Words of the machine, as in [`Interpreter::state_words`](esm_core::Interpreter::state_words).
+        /// Words of the machine, as in
+        /// [`Interpreter::state_words`](esm_core::Interpreter::state_words).
         words: Words<'a>,
     },
 }
@@ -148,7 +159,8 @@ fn put_kind(sink: &mut impl RecordSink, quiet: u32, kind: u8) {
     sink.put(kind);
 }
 
-/// Writes [`Recorded::Changes`]. The bits ascend, are at least one, and are cheap to go through twice.
+/// Writes [`Recorded::Changes`]. The bits ascend, are at least one, and are cheap to go through
+/// twice.
 pub fn write_changes(
     sink: &mut impl RecordSink,
     quiet: u32,
@@ -231,7 +243,8 @@ impl<'a> Recorded<'a> {
         Self::take_within(bytes, MAX_QUIET)
     }
 
-    /// The same of records that count more macro steps without a change, up to `most_quiet`: those that a host has put together.
+    /// The same of records that count more macro steps without a change, up to `most_quiet`: those
+    /// that a host has put together.
     ///
     /// # Errors
     /// See [`TraceError`]. After an error the rest of the bytes means nothing.

@@ -1,9 +1,12 @@
 //! Telemetry: the values that are on nets of the mission, read between two macro steps.
 //!
-//! A host [asks](crate::message::Request::Values) for some nets of the mission that runs. The real-time side reads all of them after a macro step, before any task of
-//! that slot: what is in a sample was on the nets at the same time. A sample that the one before has not left room for is dropped and counted; nobody waits.
+//! A host [asks](crate::message::Request::Values) for some nets of the mission that runs. The
+//! real-time side reads all of them after a macro step, before any task of that slot: what is in a
+//! sample was on the nets at the same time. A sample that the one before has not left room for is
+//! dropped and counted; nobody waits.
 //!
-//! What a part of the channel [`Values`](crate::message::Channel::Values) holds is one sample, whole. All of it is words of 32 bits, little endian.
+//! What a part of the channel [`Values`](crate::message::Channel::Values) holds is one sample,
+//! whole. All of it is words of 32 bits, little endian.
 
 use crate::message::{Capacity, LinkError, MAX_STREAM_BYTES};
 
@@ -11,7 +14,8 @@ use crate::message::{Capacity, LinkError, MAX_STREAM_BYTES};
 pub const WORD_BYTES: usize = 4;
 /// Words before the values: what it is, of which nets, and when it was.
 pub const HEAD_WORDS: usize = 4;
-/// Words that the values of all nets of a sample have room for, so that it is one part. So many nets can be asked for, too.
+/// Words that the values of all nets of a sample have room for, so that it is one part. So many
+/// nets can be asked for, too.
 pub const MAX_VALUE_WORDS: usize = MAX_STREAM_BYTES / WORD_BYTES - HEAD_WORDS;
 /// Words of a sample.
 pub const SAMPLE_WORDS: usize = HEAD_WORDS + MAX_VALUE_WORDS;
@@ -38,7 +42,8 @@ pub enum Sample<'a> {
         left_out: u8,
         /// Bit n: the nth net of the request holds a value, which is here.
         has: u32,
-        /// Nominal start of the macro step behind which they were read, in microseconds since the mission started.
+        /// Nominal start of the macro step behind which they were read, in microseconds since the
+        /// mission started.
         t_us: u64,
         /// The words of each net that holds a value, one behind the other.
         words: &'a [[u8; WORD_BYTES]],
@@ -75,7 +80,8 @@ impl<'a> Sample<'a> {
     }
 }
 
-/// What a host [asks](crate::message::Request::Values) for, in numbers of two bytes, little endian: a hash is two of them, the lower half first.
+/// What a host [asks](crate::message::Request::Values) for, in numbers of two bytes, little endian:
+/// a hash is two of them, the lower half first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ask<'a> {
     /// 0, the mission, the net, the offset: what are values on this net made of?
@@ -91,7 +97,8 @@ pub enum Ask<'a> {
     Values {
         /// Hash of the mission that is meant.
         mission: u32,
-        /// Milliseconds of the mission's time from one sample to the next at least; with 0 there is one after each macro step.
+        /// Milliseconds of the mission's time from one sample to the next at least; with 0 there is
+        /// one after each macro step.
         period_ms: u16,
         /// Indices of the nets in its blob: [`MAX_VALUE_WORDS`] at most.
         nets: &'a [[u8; NUMBER_BYTES]],

@@ -1,8 +1,10 @@
-//! What the interpreter did, as compact binary records. The firmware's observer writes them, the host gives them names.
+//! What the interpreter did, as compact binary records. The firmware's observer writes them, the
+//! host gives them names.
 //!
-//! A record is one byte that says its kind and fields after it, whole numbers as LEB128 (seven bits a byte, the lowest first, the high
-//! bit set on all but the last byte). Lists begin with their length; the indices in them grow and are written as differences from
-//! the one before. A step in which nothing happened, as most are, takes two bytes.
+//! A record is one byte that says its kind and fields after it, whole numbers as LEB128 (seven bits
+//! a byte, the lowest first, the high bit set on all but the last byte). Lists begin with their
+//! length; the indices in them grow and are written as differences from the one before. A step in
+//! which nothing happened, as most are, takes two bytes.
 
 /// Something that happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,8 +16,8 @@ pub enum TraceRecord<'a> {
         /// When, in microseconds since the first macro step of the first mission.
         start_us: u64,
     },
-    /// A transition was taken, in the macro step that the next [`Step`](TraceRecord::Step), [`Same`](TraceRecord::Same) or
-    /// [`Fault`](TraceRecord::Fault) ends.
+    /// A transition was taken, in the macro step that the next [`Step`](TraceRecord::Step),
+    /// [`Same`](TraceRecord::Same) or [`Fault`](TraceRecord::Fault) ends.
     Transition {
         /// Events of the macro step before this one.
         micro: u8,
@@ -58,7 +60,8 @@ pub enum TraceRecord<'a> {
     JobEnded {
         /// The task instance.
         task_instance: u16,
-        /// The occurrence, counted over all slots since the mission started, at whose start this became known.
+        /// The occurrence, counted over all slots since the mission started, at whose start this
+        /// became known.
         occurrence: u64,
     },
     /// A task took longer than its slot.
@@ -75,12 +78,14 @@ pub enum TraceRecord<'a> {
         /// How many.
         count: u32,
     },
-    /// The motors are off, and why: the number of a [`SafeReason`](crate::message::SafeReason), [`EMERGENCY`] for an emergency stop, or none after `stop`.
+    /// The motors are off, and why: the number of a [`SafeReason`](crate::message::SafeReason),
+    /// [`EMERGENCY`] for an emergency stop, or none after `stop`.
     MotorsOff {
         /// Why.
         reason: Option<u8>,
     },
-    /// A mission on trial was given up. What comes next is the start of the one before, if there was one.
+    /// A mission on trial was given up. What comes next is the start of the one before, if there
+    /// was one.
     FellBack {
         /// Its hash.
         mission: u32,
@@ -101,8 +106,9 @@ pub enum FaultCode {
     MacroStepLimit,
 }
 
-/// Current states of the active regions: pairs of region instance and state, both indices in the blob's tables, ordered by region
-/// instance, which is depth first: each superstate is followed by what is inside.
+/// Current states of the active regions: pairs of region instance and state, both indices in the
+/// blob's tables, ordered by region instance, which is depth first: each superstate is followed by
+/// what is inside.
 #[derive(Clone, Copy, PartialEq)]
 pub struct States<'a> {
     bytes: &'a [u8],
@@ -212,8 +218,8 @@ pub(crate) fn put_number(sink: &mut impl RecordSink, number: impl Into<u64>) {
     sink.put(number as u8);
 }
 
-/// Writes [`TraceRecord::Step`] from iterators: `states` as (region instance, local state), `enabled` as task instances, both ordered
-/// by index, and cheap to go through twice.
+/// Writes [`TraceRecord::Step`] from iterators: `states` as (region instance, local state),
+/// `enabled` as task instances, both ordered by index, and cheap to go through twice.
 pub fn write_step(
     sink: &mut impl RecordSink,
     step: u64,
@@ -329,8 +335,8 @@ impl<'a> TraceRecord<'a> {
     /// Takes the first record off some bytes.
     ///
     /// # Errors
-    /// See [`TraceError`]. After an error the rest of the bytes means nothing; the next part of the stream that does not continue a
-    /// record begins with a new one.
+    /// See [`TraceError`]. After an error the rest of the bytes means nothing; the next part of the
+    /// stream that does not continue a record begins with a new one.
     pub fn take(bytes: &mut &'a [u8]) -> Result<TraceRecord<'a>, TraceError> {
         Ok(match byte(bytes)? {
             kind::STARTED => TraceRecord::Started {

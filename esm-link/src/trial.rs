@@ -9,7 +9,8 @@ use crate::message::SafeReason;
 pub struct Trial {
     /// Time until the robot falls back by itself, in milliseconds.
     pub left_ms: u32,
-    /// Hash of the mission that it falls back to; none where there was none, so that its motors will be off.
+    /// Hash of the mission that it falls back to; none where there was none, so that its motors
+    /// will be off.
     pub before: Option<u32>,
 }
 

@@ -1,4 +1,5 @@
-//! What a robot of one's own is built on, as one crate, so that its `Cargo.toml` says in one line where the framework is.
+//! What a robot of one's own is built on, as one crate, so that its `Cargo.toml` says in one line
+//! where the framework is.
 //!
 //! - [`rt_firmware`]: tasks, registry, drivers. On every target.
 //! - `host_tools`: the `esm` command, with the robot inside. Where there is an operating system.

@@ -1,7 +1,8 @@
 //! How many sets of slots the search decides, and how long it takes: `cargo xtask bench schedule`.
 //!
-//! Each row of the table is a kind of set, a number of slots and a load. Times are processor time of the one thread that searches, from slots to a
-//! checked answer. All but the times is the same in each run, as long as no search reaches the limit.
+//! Each row of the table is a kind of set, a number of slots and a load. Times are processor time
+//! of the one thread that searches, from slots to a checked answer. All but the times is the same
+//! in each run, as long as no search reaches the limit.
 
 use std::fmt;
 use std::process::ExitCode;
@@ -178,7 +179,7 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Option<Options>,
     Ok(Some(options))
 }
 
-// ─── Measuring ────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Measuring ───────────────────────────────────────────────────────────────────────────────────
 
 /// An answer and the processor time that it took.
 struct Measured {

@@ -1,7 +1,7 @@
 //! The `esm` command, and the two libraries behind it under one roof.
 //!
-//! The parts that need no operating system come from [`esm_toolkit`], those that reach a robot from [`esm_client`]; here stand
-//! the command line ([`cli`]) and both libraries' modules side by side.
+//! The parts that need no operating system come from [`esm_toolkit`], those that reach a robot from
+//! [`esm_client`]; here stand the command line ([`cli`]) and both libraries' modules side by side.
 
 // All that goes to a terminal goes through `cli::console`, which cleans it.
 #![deny(clippy::print_stdout, clippy::print_stderr)]

@@ -1,4 +1,5 @@
-//! Files that commands read: what is no file, or has no end, is told at once, whichever command is to read it.
+//! Files that commands read: what is no file, or has no end, is told at once, whichever command is
+//! to read it.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -62,7 +63,8 @@ fn not_files(folder: &Path) -> [(String, &'static str); 4] {
     ]
 }
 
-/// Runs a command to its end, which is to come soon. Answers its exit status and what it said on standard error.
+/// Runs a command to its end, which is to come soon. Answers its exit status and what it said on
+/// standard error.
 #[track_caller]
 fn esm(arguments: &str, folder: &Path) -> (Option<i32>, String) {
     let err = folder.join("err");
@@ -103,7 +105,8 @@ impl Drop for Killed {
     }
 }
 
-/// Runs all commands with something in the place of their file, each of which is to say one of these things of it and to fail.
+/// Runs all commands with something in the place of their file, each of which is to say one of
+/// these things of it and to fail.
 #[track_caller]
 fn assert_told(path: &str, told: &[&str], folder: &Path) {
     let place = folder.to_str().unwrap();

@@ -1,4 +1,5 @@
-//! `esm key`, and the commands that need one, as processes: what they do to a robot, and that nothing they print has the private part of a key.
+//! `esm key`, and the commands that need one, as processes: what they do to a robot, and that
+//! nothing they print has the private part of a key.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -146,7 +147,8 @@ fn a_key_locks_a_robot_and_is_printed_nowhere() {
     }
 }
 
-/// Asserts that no part of the private key in a file is in what was heard, in any form that it might be printed in.
+/// Asserts that no part of the private key in a file is in what was heard, in any form that it
+/// might be printed in.
 fn hold_no_key_of(path: &Path, heard: &[u8]) {
     let text = fs::read_to_string(path).unwrap();
     let hex = text.trim_end().strip_prefix("esm-key-1 ").unwrap();
@@ -284,7 +286,8 @@ fn ctrl_c_in_a_signed_upload_says_nothing_of_the_key() {
     let name = key.display().to_string();
     let flash = flash_with_key(home.path(), &name).display().to_string();
     let mut heard = vec![];
-    // In the upload, while a signature is on its way, as it happens; and in the run behind it, when that has something to tell.
+    // In the upload, while a signature is on its way, as it happens; and in the run behind it, when
+    // that has something to tell.
     for after_ms in [Some(5), Some(60), Some(150), None] {
         let mut child = Command::new(std::env::var_os("CARGO_BIN_EXE_esm").unwrap())
             .args([

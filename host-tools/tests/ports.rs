@@ -1,5 +1,5 @@
-//! Ports as several processes want them: `esm stop` takes one over from whoever has it, and Ctrl-C ends
-//! each command whatever comes on its line.
+//! Ports as several processes want them: `esm stop` takes one over from whoever has it, and Ctrl-C
+//! ends each command whatever comes on its line.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -33,7 +33,8 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// How often a running command is looked at.
 const LOOK_INTERVAL: Duration = Duration::from_millis(5);
 
-/// How long a command may live after Ctrl-C: a second, and as much again for a machine that does other things, too.
+/// How long a command may live after Ctrl-C: a second, and as much again for a machine that does
+/// other things, too.
 const LAST_SECONDS: Duration = Duration::from_secs(2);
 
 /// What comes from a robot.
@@ -283,7 +284,8 @@ impl Robot {
     }
 }
 
-/// Held while a process is started: until it is the other program, it has a copy of all that is open here.
+/// Held while a process is started: until it is the other program, it has a copy of all that is
+/// open here.
 static STARTING: Mutex<()> = Mutex::new(());
 
 fn spawn(command: &mut Command) -> Child {
@@ -562,7 +564,8 @@ fn a_directory_that_others_can_use_is_not_used() {
     let is_root = rustix::process::geteuid().is_root();
     for (mode, owner) in [(0o777, None), (0o700, Some(nobody))] {
         if owner.is_some() && !is_root {
-            // Only the superuser can give a directory away; the rule itself is tested where it stands.
+            // Only the superuser can give a directory away; the rule itself is tested where it
+            // stands.
             continue;
         }
         DirBuilder::new()
@@ -674,7 +677,8 @@ const FLOOD_TIME: Duration = Duration::from_secs(2);
 /// Bytes that are to have come through meanwhile: more than all buffers on the way hold.
 const FLOOD_BYTES: usize = 1 << 20;
 
-/// Sends requests as fast as they are taken, and reads nothing. Answers how many bytes were taken, and the open line.
+/// Sends requests as fast as they are taken, and reads nothing. Answers how many bytes were taken,
+/// and the open line.
 fn flood(port: &str) -> (usize, File) {
     let flags = rustix::fs::OFlags::NONBLOCK | rustix::fs::OFlags::NOCTTY;
     let mut options = File::options();

@@ -1,4 +1,5 @@
-//! `esm replay` as a process: how it ends where the recording is not what was written, or where nobody waits for its end.
+//! `esm replay` as a process: how it ends where the recording is not what was written, or where
+//! nobody waits for its end.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -65,8 +66,9 @@ fn recording_of(mission: &Path, path: &Path, steps: u32) {
     fs::write(path, bytes).unwrap();
 }
 
-/// A mission whose first macro step is not over before anybody has lost patience: 250 times an event comes, and each time each of
-/// 2,000 states looks at each of its 4,000 guards, all of which are false.
+/// A mission whose first macro step is not over before anybody has lost patience: 250 times an
+/// event comes, and each time each of 2,000 states looks at each of its 4,000 guards, all of which
+/// are false.
 fn endless(path: &Path) {
     let guards = "S -> S on Look [.a and not .b and .c or .b and not .a and .d];\n".repeat(4_000);
     let looks = (0..2_000).map(|place| format!("super L{place}: Looks;\n"));

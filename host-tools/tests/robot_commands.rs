@@ -1,4 +1,5 @@
-//! Commands at a robot on a line, as processes: what they say of it, and what they do to it. The robot is the host board's, and its line is one that can be listened to and cut.
+//! Commands at a robot on a line, as processes: what they say of it, and what they do to it. The
+//! robot is the host board's, and its line is one that can be listened to and cut.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 

@@ -1,4 +1,5 @@
-//! The rover's own tasks on the plant, without a mission: what they measure and reach is held against where the body really is.
+//! The rover's own tasks on the plant, without a mission: what they measure and reach is held
+//! against where the body really is.
 
 #![allow(clippy::unwrap_used, reason = "what only tests call fails the test")]
 
@@ -33,7 +34,8 @@ struct End {
     finished: bool,
 }
 
-/// Drives with `movement` until it finishes or `limit_s` is over, with sonars, odometry and wheel control around it.
+/// Drives with `movement` until it finishes or `limit_s` is over, with sonars, odometry and wheel
+/// control around it.
 fn drive(world: &str, movement: &Movement, limit_s: u64, seed: u64) -> End {
     let world = World::parse(world).unwrap();
     let mut plant = Plant::new(world, BodyParameters::default(), seed).unwrap();

@@ -1,11 +1,13 @@
-//! Collects what each `boards/*/board.toml` says of its board, so that the command knows the boards also where there is no checkout.
+//! Collects what each `boards/*/board.toml` says of its board, so that the command knows the boards
+//! also where there is no checkout.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
-/// Keys of `[capacities]` that a mission is compared with, and the fields of `Capacities` that they become.
+/// Keys of `[capacities]` that a mission is compared with, and the fields of `Capacities` that they
+/// become.
 const CAPACITIES: [(&str, &str); 6] = [
     ("blob_bytes", "blob_bytes"),
     ("arena_words", "arena_words"),
@@ -19,7 +21,8 @@ const CAPACITIES: [(&str, &str); 6] = [
 type Settings = BTreeMap<(String, String), String>;
 
 fn main() {
-    // Relative to this package, so that a build that was moved with its checkout does not look at the old place.
+    // Relative to this package, so that a build that was moved with its checkout does not look at
+    // the old place.
     let boards = Path::new("../../boards");
     // Changes when a board is added or removed.
     println!("cargo:rerun-if-changed={}", boards.display());

@@ -17,7 +17,8 @@ pub struct Background<'q, 'm> {
 }
 
 impl Background<'_, '_> {
-    /// Does one step of the current run, or of the next one. Returns false if there is nothing to do: time to sleep until an interrupt.
+    /// Does one step of the current run, or of the next one. Returns false if there is nothing to
+    /// do: time to sleep until an interrupt.
     pub fn poll(&mut self) -> bool {
         self.signs.slot_0.store(true, Ordering::Relaxed);
         let Some(place) = self.current.take().or_else(|| self.jobs.dequeue()) else {

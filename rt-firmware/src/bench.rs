@@ -11,8 +11,8 @@ use crate::task::{
 };
 use esm_link::message::SafeReason;
 
-/// Steps one task by hand. Every data port has a net of its own. Inputs stay, and stay fresh, until another value is given or they
-/// are taken away.
+/// Steps one task by hand. Every data port has a net of its own. Inputs stay, and stay fresh, until
+/// another value is given or they are taken away.
 ///
 /// The task's storage is leaked, which tests can afford.
 ///
@@ -139,7 +139,8 @@ impl<'a> TaskBench<'a> {
         self
     }
 
-    /// Sets the slot's period; 10 ms unless told. It is also how far the time goes on with each step.
+    /// Sets the slot's period; 10 ms unless told. It is also how far the time goes on with each
+    /// step.
     pub fn period_us(&mut self, period_us: u32) -> &mut Self {
         self.inputs.period_us = period_us;
         self
@@ -158,14 +159,16 @@ impl<'a> TaskBench<'a> {
         self
     }
 
-    /// The next step is the first of a new activation; flags are cleared, as entering a task state does.
+    /// The next step is the first of a new activation; flags are cleared, as entering a task state
+    /// does.
     pub fn enter_anew(&mut self) -> &mut Self {
         self.enter = true;
         self.out_flags = 0;
         self
     }
 
-    /// Executes the task once. `None` if a required input has no value, so that the task would be busy.
+    /// Executes the task once. `None` if a required input has no value, so that the task would be
+    /// busy.
     pub fn step(&mut self) -> Option<Step> {
         let Outcome {
             step,

@@ -1,12 +1,15 @@
 //! The flight recorder: what happened last, in RAM that survives a reset.
 //!
-//! Records stand in two rings, so that a machine that changes its state in each macro step does not wash away why the robot stopped: one ring for
-//! transitions, one for all else. A record has a sequence number, which orders the records of both, and a checksum over all of it: one that a reset
-//! tore, or that power-on left, is none.
+//! Records stand in two rings, so that a machine that changes its state in each macro step does not
+//! wash away why the robot stopped: one ring for transitions, one for all else. A record has a
+//! sequence number, which orders the records of both, and a checksum over all of it: one that a
+//! reset tore, or that power-on left, is none.
 //!
-//! There is one writer at a time: the real-time side while the robot runs, and whoever ends the firmware when that never runs again. Writing a
-//! record is five stores and a checksum over four words, without a loop: about 45 instructions of a Cortex-M3. Whoever reads may be interrupted by the writer
-//! at any place: a record that changes while it is read fails its checksum, and counts as overwritten.
+//! There is one writer at a time: the real-time side while the robot runs, and whoever ends the
+//! firmware when that never runs again. Writing a record is five stores and a checksum over four
+//! words, without a loop: about 45 instructions of a Cortex-M3. Whoever reads may be interrupted by
+//! the writer at any place: a record that changes while it is read fails its checksum, and counts
+//! as overwritten.
 //!
 //! A firmware without the feature `black-box` has no room for records, and none of the code.
 
@@ -22,7 +25,8 @@ pub const TRANSITIONS: usize = if KEEPS_RECORDS { 24 } else { 0 };
 /// Records of all other kinds that are kept.
 pub const EVENTS: usize = if KEEPS_RECORDS { 24 } else { 0 };
 
-/// Words of a record in RAM: sequence number; time, its low half; time, 16 more bits, kind and the small value; the large value; checksum.
+/// Words of a record in RAM: sequence number; time, its low half; time, 16 more bits, kind and the
+/// small value; the large value; checksum.
 const WORDS: usize = 5;
 
 #[cfg_attr(feature = "speed", inline(always))]
@@ -51,7 +55,8 @@ fn from_words(words: [u32; WORDS]) -> Option<Record> {
     })
 }
 
-/// Each step is a bijection of the sum and of the word, so that a change of a single word never goes unnoticed.
+/// Each step is a bijection of the sum and of the word, so that a change of a single word never
+/// goes unnoticed.
 #[cfg_attr(feature = "speed", inline(always))]
 fn checksum(words: [u32; WORDS - 1]) -> u32 {
     const SEED: u32 = 0xE5B1_ACB0;
@@ -134,7 +139,8 @@ impl<const N: usize> Lane<N> {
     }
 }
 
-/// The recorder. Every pattern of its words is one: it may be put over memory that nobody has written.
+/// The recorder. Every pattern of its words is one: it may be put over memory that nobody has
+/// written.
 pub struct BlackBox {
     transitions: Lane<TRANSITIONS>,
     events: Lane<EVENTS>,
@@ -170,7 +176,8 @@ impl BlackBox {
         self.next.store(0, Relaxed);
     }
 
-    /// Goes on behind the records that are there, after a reset that may have come at any instruction of a write.
+    /// Goes on behind the records that are there, after a reset that may have come at any
+    /// instruction of a write.
     pub(crate) fn resume(&self) {
         if !KEEPS_RECORDS {
             return;
@@ -314,7 +321,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the reset tore, what is left is whole, in order, and the records after it come behind it.
+        /// Whatever the reset tore, what is left is whole, in order, and the records after it come
+        /// behind it.
         #[test]
         #[cfg_attr(not(feature = "black-box"), ignore = "there is no room for records")]
         fn a_reset_in_the_middle_of_a_write_costs_that_record_at_most(

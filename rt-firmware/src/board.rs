@@ -10,20 +10,22 @@ pub trait Board {
     /// Ticks of the clock in one microsecond: 1 to 65,535.
     const TICKS_PER_US: u32;
 
-    /// How far ahead a mission starts that follows no other, in µs: longer than its tables take to be made, so that its first occurrence
-    /// is on time.
+    /// How far ahead a mission starts that follows no other, in µs: longer than its tables take to
+    /// be made, so that its first occurrence is on time.
     const START_LEAD_US: u32 = 5_000;
 
     /// Ticks since the board started. Never goes back and never wraps.
     fn now_ticks(&mut self) -> u64;
 
-    /// The low half of [`now_ticks`](Self::now_ticks), for the time between two instants. It is the first that is done when a slot begins: a board that
-    /// can tell it faster than the whole should.
+    /// The low half of [`now_ticks`](Self::now_ticks), for the time between two instants. It is the
+    /// first that is done when a slot begins: a board that can tell it faster than the whole
+    /// should.
     fn now_low_ticks(&mut self) -> u32 {
         self.now_ticks() as u32
     }
 
-    /// An occurrence of a slot begins; nothing of it was executed yet. This is where a simulated body is asked for its sensors.
+    /// An occurrence of a slot begins; nothing of it was executed yet. This is where a simulated
+    /// body is asked for its sensors.
     ///
     /// # Errors
     /// Why the robot must go to its safe state.
@@ -31,25 +33,30 @@ pub trait Board {
         Ok(())
     }
 
-    /// All are alive who should be: slots, link, slot 0 ([`supervision`](crate::supervision) says what of each). Called at least each 100 ms, with and without
-    /// a mission; the watchdog's time must be longer than that, and longer than the longest occurrence.
+    /// All are alive who should be: slots, link, slot 0 ([`supervision`](crate::supervision) says
+    /// what of each). Called at least each 100 ms, with and without a mission; the watchdog's time
+    /// must be longer than that, and longer than the longest occurrence.
     fn feed_watchdog(&mut self) {}
 
-    /// Whether somebody presses the emergency stop: a button on a pin, if the board has one ([`WithStopButton`] gives it one). Asked before each occurrence of a
-    /// slot, and at least each 20 ms; whoever lets go of it releases nothing.
+    /// Whether somebody presses the emergency stop: a button on a pin, if the board has one
+    /// ([`WithStopButton`] gives it one). Asked before each occurrence of a slot, and at least each
+    /// 20 ms; whoever lets go of it releases nothing.
     #[cfg_attr(feature = "speed", inline(always))]
     fn is_emergency_stop_pressed(&mut self) -> bool {
         false
     }
 
-    /// Stops all that moves. Called when the robot stops, again in each occurrence of the interpreter's slot until it starts, and now
-    /// and then while there is no mission. After an emergency stop it comes before each [`begin_occurrence`](Self::begin_occurrence).
+    /// Stops all that moves. Called when the robot stops, again in each occurrence of the
+    /// interpreter's slot until it starts, and now and then while there is no mission. After an
+    /// emergency stop it comes before each [`begin_occurrence`](Self::begin_occurrence).
     fn motors_off(&mut self);
 }
 
-/// A board with a button that stops the robot for an emergency, whatever its mission does and whether or not a host is there.
+/// A board with a button that stops the robot for an emergency, whatever its mission does and
+/// whether or not a host is there.
 ///
-/// The button is asked before the board's own [`is_emergency_stop_pressed`](Board::is_emergency_stop_pressed); all else is the board's.
+/// The button is asked before the board's own
+/// [`is_emergency_stop_pressed`](Board::is_emergency_stop_pressed); all else is the board's.
 pub struct WithStopButton<B, P> {
     board: B,
     button: StopButton<P>,
@@ -102,7 +109,8 @@ impl<B: Board, P: InputPin> Board for WithStopButton<B, P> {
     }
 }
 
-/// The beginning of an occurrence. Times are nominal, in microseconds since the first macro step of the first mission.
+/// The beginning of an occurrence. Times are nominal, in microseconds since the first macro step of
+/// the first mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OccurrenceStart {
     /// Index of the slot in the running mission's blob.
@@ -113,7 +121,8 @@ pub struct OccurrenceStart {
     pub start_us: u64,
     /// The same on the board's clock, in ticks since the board started.
     pub start_ticks: u64,
-    /// End of the occurrence before, which is when what its tasks wrote takes effect; equal to `start_us` in the first one.
+    /// End of the occurrence before, which is when what its tasks wrote takes effect; equal to
+    /// `start_us` in the first one.
     pub previous_end_us: u64,
     /// Whether this slot runs the interpreter.
     pub interpreter: bool,
@@ -121,8 +130,8 @@ pub struct OccurrenceStart {
 
 /// Ticks in whole microseconds, of which each has `ticks_per_us`: 1 to 65,535.
 ///
-/// Small cores divide 32 bits in hardware, and 64 bits in a library routine of a kilobyte: what does not fit is divided by schoolbook, 16 bits at
-/// a time.
+/// Small cores divide 32 bits in hardware, and 64 bits in a library routine of a kilobyte: what
+/// does not fit is divided by schoolbook, 16 bits at a time.
 pub fn microseconds(ticks: u64, ticks_per_us: u32) -> u64 {
     const DIGIT_BITS: u32 = u16::BITS;
     let divisor = ticks_per_us.clamp(1, u32::from(u16::MAX));

@@ -14,9 +14,10 @@ use esm_link::message::{Capacities, Capacity, LinkError};
 /// Checks a valid blob against what the robot has.
 ///
 /// # Errors
-/// The first thing that is missing: a task, the same signature of it, enough tasks of a type, values that a port or parameter can take, or
-/// room.
-// Not inlined: the verifier, which goes deeper, should not run on top of what this needs of the stack.
+/// The first thing that is missing: a task, the same signature of it, enough tasks of a type,
+/// values that a port or parameter can take, or room.
+// Not inlined: the verifier, which goes deeper, should not run on top of what this needs of the
+// stack.
 #[inline(never)]
 pub fn check<B: Deref<Target = [u8]>>(
     verified: &Verified<B>,
@@ -37,7 +38,8 @@ pub fn check<B: Deref<Target = [u8]>>(
             flags: declared.flags.len(),
             params: declared.params.len(),
         };
-        // The verifier leaves texts alone: that a blob's counts are those of its text is only known from the task's own.
+        // The verifier leaves texts alone: that a blob's counts are those of its text is only known
+        // from the task's own.
         let same = declared.has_signature(task.signature.text())
             && declared.signature_hash == task.signature_hash
             && ports == task.ports;
@@ -76,11 +78,13 @@ pub fn check<B: Deref<Target = [u8]>>(
     Ok(())
 }
 
-/// Whether a blob that nobody has checked has more slots than the robot. Each pair of slots costs the verifier time, and a robot checks while its mission runs: what it could not
-/// run anyway must not keep its link from its turn until the watchdog bites.
+/// Whether a blob that nobody has checked has more slots than the robot. Each pair of slots costs
+/// the verifier time, and a robot checks while its mission runs: what it could not run anyway must
+/// not keep its link from its turn until the watchdog bites.
 ///
 /// # Errors
-/// [`LinkError::CapacityExceeded`]. A blob that cannot be read so far is left to the verifier, which says what is wrong with it.
+/// [`LinkError::CapacityExceeded`]. A blob that cannot be read so far is left to the verifier,
+/// which says what is wrong with it.
 pub fn check_slots(blob: &[u8], capacities: &Capacities) -> Result<(), LinkError> {
     let sections = blob.get(MAGIC.len()..).unwrap_or_default();
     let slots = postcard::take_from_bytes::<(&[u8], &[u8])>(sections)
@@ -109,8 +113,8 @@ pub struct Need {
     pub available: u32,
 }
 
-/// What a valid blob needs of each capacity. A robot takes it only if all of it is there; tools that know a robot's capacities ask here
-/// whether it will.
+/// What a valid blob needs of each capacity. A robot takes it only if all of it is there; tools
+/// that know a robot's capacities ask here whether it will.
 #[inline(never)] // Its tables are off the stack again before anything deeper is called.
 pub fn needs<B: Deref<Target = [u8]>>(
     verified: &Verified<B>,
@@ -174,7 +178,8 @@ fn task_instances_of(tables: &Tables<'_>, signature_hash: u64) -> impl Iterator<
     })
 }
 
-/// Whether each port of a task is on nets of its own type: a value must never reach a port that takes it for something else.
+/// Whether each port of a task is on nets of its own type: a value must never reach a port that
+/// takes it for something else.
 fn check_nets(
     tables: &Tables<'_>,
     task: usize,
@@ -201,7 +206,8 @@ fn check_nets(
     Ok(())
 }
 
-/// Whether each parameter is within the bounds that the firmware's own task gives it, whatever the mission's text said of them.
+/// Whether each parameter is within the bounds that the firmware's own task gives it, whatever the
+/// mission's text said of them.
 fn check_params(
     tables: &Tables<'_>,
     task: usize,

@@ -1,8 +1,9 @@
 //! A clock that never wraps, made of a counter of a few bits that does.
 //!
-//! The counter runs free and interrupts nobody. One context, the slot timer's interrupt, moves a base to the present at least once in each of
-//! the counter's rounds; everybody else adds to the base what the counter has counted since. So time needs no lock: one context writes the base,
-//! and the others notice if they were interrupted while they read it.
+//! The counter runs free and interrupts nobody. One context, the slot timer's interrupt, moves a
+//! base to the present at least once in each of the counter's rounds; everybody else adds to the
+//! base what the counter has counted since. So time needs no lock: one context writes the base, and
+//! the others notice if they were interrupted while they read it.
 
 use core::sync::atomic::{AtomicU32, Ordering, fence};
 
@@ -48,7 +49,8 @@ impl<const BITS: u32> Clock<BITS> {
         }
     }
 
-    /// Ticks that the counter went on from a time to where it stands at `count`, in less than a round. Bits above the counter's do not matter.
+    /// Ticks that the counter went on from a time to where it stands at `count`, in less than a
+    /// round. Bits above the counter's do not matter.
     #[cfg_attr(feature = "speed", inline(always))]
     fn since(low_ticks: u32, count: u32) -> u32 {
         count.wrapping_sub(low_ticks) & Self::MASK
@@ -67,14 +69,16 @@ impl<const BITS: u32> Clock<BITS> {
             let ticks = base + u64::from(Self::since(base as u32, count()));
             // What was read above was read before this.
             fence(Ordering::Acquire);
-            // Moved meanwhile: what was read may be of two bases. The next attempt meets no move, since moves are further apart than this takes.
+            // Moved meanwhile: what was read may be of two bases. The next attempt meets no move,
+            // since moves are further apart than this takes.
             if self.moves.load(Ordering::Relaxed) == moves {
                 return ticks;
             }
         }
     }
 
-    /// Moves the base to when the counter stands at `count`, and returns that time. For one context alone, at least once in each round of the counter.
+    /// Moves the base to when the counter stands at `count`, and returns that time. For one context
+    /// alone, at least once in each round of the counter.
     pub fn advance(&self, count: u32) -> u64 {
         let moves = self.moves.load(Ordering::Relaxed);
         let base = self.base(moves).ticks();
@@ -88,7 +92,8 @@ impl<const BITS: u32> Clock<BITS> {
         ticks
     }
 
-    /// The low half of the time when the counter stands at `count`. For the context that moves the base, which it leaves where it is.
+    /// The low half of the time when the counter stands at `count`. For the context that moves the
+    /// base, which it leaves where it is.
     #[cfg_attr(feature = "speed", inline(always))]
     pub fn low(&self, count: u32) -> u32 {
         let low_ticks = self.low.load(Ordering::Relaxed);
@@ -111,7 +116,8 @@ mod tests {
     /// Rounds of 2^32 ticks that are run through.
     const ROUNDS: u64 = 5;
 
-    /// Runs a clock over every wrap of its counter and of its halves, with moves of the base so many ticks apart.
+    /// Runs a clock over every wrap of its counter and of its halves, with moves of the base so
+    /// many ticks apart.
     fn run<const BITS: u32>(steps_ticks: &[u64]) {
         let clock = Clock::<BITS>::new();
         let (mut ticks, mut steps) = (0, steps_ticks.iter().cycle());

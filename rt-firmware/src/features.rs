@@ -1,14 +1,18 @@
-//! What this firmware was built with. A request for what it was built without is refused with [`NotBuiltIn`](esm_link::message::LinkError::NotBuiltIn), and nothing changes.
+//! What this firmware was built with. A request for what it was built without is refused with
+//! [`NotBuiltIn`](esm_link::message::LinkError::NotBuiltIn), and nothing changes.
 //!
-//! They are constants and not conditions on the code, so that each firmware is compiled from all of it: what a constant makes unreachable takes no flash, and what is as long as
-//! one says takes no memory.
+//! They are constants and not conditions on the code, so that each firmware is compiled from all of
+//! it: what a constant makes unreachable takes no flash, and what is as long as one says takes no
+//! memory.
 //!
-//! A host learns them by [`Request::Features`](esm_link::message::Request::Features), and need not ask for what is not there.
+//! A host learns them by [`Request::Features`](esm_link::message::Request::Features), and need not
+//! ask for what is not there.
 
 /// The robot can have a key (feature `keys`).
 pub const KEYS: bool = cfg!(feature = "keys");
 
-/// A mission can take over from another warm (feature `warm`). Without it, its slots and tasks begin anew and a request for a warm swap is refused.
+/// A mission can take over from another warm (feature `warm`). Without it, its slots and tasks
+/// begin anew and a request for a warm swap is refused.
 pub const WARM: bool = cfg!(feature = "warm");
 
 /// Parameters of the mission that runs can be read, changed and saved (feature `params`).
@@ -23,5 +27,6 @@ pub const RECORD: bool = cfg!(feature = "record");
 /// Values on nets can be read while the mission runs (feature `telemetry`).
 pub const TELEMETRY: bool = cfg!(feature = "telemetry");
 
-/// Missions whose tables, tasks and nets are there at the same time: where one takes over from another warm, both are.
+/// Missions whose tables, tasks and nets are there at the same time: where one takes over from
+/// another warm, both are.
 pub const MISSIONS: usize = if WARM { 2 } else { 1 };

@@ -1,11 +1,12 @@
-//! What is kept across a reset, in RAM that no start-up code clears: why the firmware ended, how often it did so in a row, an emergency stop, and the
-//! flight recorder.
+//! What is kept across a reset, in RAM that no start-up code clears: why the firmware ended, how
+//! often it did so in a row, an emergency stop, and the flight recorder.
 //!
-//! A board has one [`Kept`], in a section of its own that nothing writes at the start. It calls [`Kept::begin`] first of all, which tells whether what
-//! stands there is its own, and gives it to the runtime in [`About`](crate::About). Whoever ends the firmware calls [`Kept::end`].
+//! A board has one [`Kept`], in a section of its own that nothing writes at the start. It calls
+//! [`Kept::begin`] first of all, which tells whether what stands there is its own, and gives it to
+//! the runtime in [`About`](crate::About). Whoever ends the firmware calls [`Kept::end`].
 //!
-//! All of it is words that are only loaded and stored, and of which every pattern is valid: so memory that holds what power-on left there is
-//! a `Kept` too, which `begin` finds to be nobody's.
+//! All of it is words that are only loaded and stored, and of which every pattern is valid: so
+//! memory that holds what power-on left there is a `Kept` too, which `begin` finds to be nobody's.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -16,10 +17,12 @@ use esm_link::frame::checksum;
 use esm_link::message::{CoreFault, LastWords, MAX_PLACE_BYTES, ResetReason, Silent};
 
 const PLACE_WORDS: usize = MAX_PLACE_BYTES / size_of::<u32>();
-/// Words of a report: reason and length of the place; line; task; five of a fault; time, two; who was silent; the place; checksum.
+/// Words of a report: reason and length of the place; line; task; five of a fault; time, two; who
+/// was silent; the place; checksum.
 const REPORT_WORDS: usize = 1 + 1 + 1 + 5 + 2 + 1 + PLACE_WORDS + 1;
 
-/// A start that is followed by so much robot time, in µs, was a good one: more than it takes until any silence is found in a mission whose periods are short.
+/// A start that is followed by so much robot time, in µs, was a good one: more than it takes until
+/// any silence is found in a mission whose periods are short.
 pub const HEALTHY_US: u64 = 60_000_000;
 const _: () = assert!(HEALTHY_US > 2 * SLOT_0_BOUND_US as u64);
 /// After so many bad starts in a row no mission starts by itself.
@@ -27,7 +30,8 @@ pub const BAD_STARTS: u32 = 3;
 
 /// Says that what stands here was written by a firmware with this layout.
 const MARK: u32 = 0x6B65_7003;
-/// No emergency stop is latched. Whatever else stands there is one: what a stray write leaves keeps the motors off.
+/// No emergency stop is latched. Whatever else stands there is one: what a stray write leaves keeps
+/// the motors off.
 const RELEASED: u32 = 0x52D1_3A9C;
 /// Far from [`RELEASED`] in each byte.
 const LATCHED: u32 = !RELEASED;
@@ -94,7 +98,8 @@ pub struct Kept {
     task: AtomicU32,
     /// Who was silent for so long that the watchdog is fed no more, by its number.
     silent: AtomicU32,
-    /// Starts after a watchdog, a panic or a fault, one after another, none of which lasted for [`HEALTHY_US`].
+    /// Starts after a watchdog, a panic or a fault, one after another, none of which lasted for
+    /// [`HEALTHY_US`].
     bad_starts: AtomicU32,
     /// Robot time, 48 bits and more, as of the last occurrence of the interpreter's slot.
     alive_us: [AtomicU32; 2],
@@ -113,7 +118,8 @@ impl Default for Kept {
 }
 
 impl Kept {
-    /// What power-on leaves on a board whose RAM is zeros then. A board whose RAM is anything puts none of this there.
+    /// What power-on leaves on a board whose RAM is zeros then. A board whose RAM is anything puts
+    /// none of this there.
     pub const fn new() -> Self {
         Kept {
             mark: AtomicU32::new(0),
@@ -129,11 +135,12 @@ impl Kept {
         }
     }
 
-    /// The firmware starts. `hardware` is what the chip says of the reset, if it says anything. Tells why it started. To be called once, before anything
-    /// else of this.
+    /// The firmware starts. `hardware` is what the chip says of the reset, if it says anything.
+    /// Tells why it started. To be called once, before anything else of this.
     ///
-    /// Last words come before what the chip says: a firmware that ends itself does so by a reset of the software's. A reset without either, of
-    /// a firmware that was here before, is the watchdog's own, which struck where nothing could be written any more.
+    /// Last words come before what the chip says: a firmware that ends itself does so by a reset of
+    /// the software's. A reset without either, of a firmware that was here before, is the
+    /// watchdog's own, which struck where nothing could be written any more.
     pub fn begin(&self, hardware: Option<ResetReason>) -> ResetReason {
         let was_here = self.mark.load(Relaxed) == MARK;
         let report = self.read_report();
@@ -222,18 +229,20 @@ impl Kept {
         );
     }
 
-    /// Starts after a watchdog, a panic or a fault, one after another, none of which lasted for [`HEALTHY_US`] of robot time.
+    /// Starts after a watchdog, a panic or a fault, one after another, none of which lasted for
+    /// [`HEALTHY_US`] of robot time.
     pub fn bad_starts(&self) -> u32 {
         self.bad_starts.load(Relaxed)
     }
 
-    /// Whether a mission that is kept in flash may start by itself: not after [`BAD_STARTS`] starts that ended in no time. A robot whose mission resets it
-    /// does not do so for ever.
+    /// Whether a mission that is kept in flash may start by itself: not after [`BAD_STARTS`] starts
+    /// that ended in no time. A robot whose mission resets it does not do so for ever.
     pub fn may_start_by_itself(&self) -> bool {
         self.bad_starts() < BAD_STARTS
     }
 
-    /// Whether an emergency stop is latched. Told of memory that [`begin`](Self::begin) was called for.
+    /// Whether an emergency stop is latched. Told of memory that [`begin`](Self::begin) was called
+    /// for.
     pub fn is_emergency_stopped(&self) -> bool {
         self.mark.load(Relaxed) == MARK && self.emergency_stop.load(Relaxed) != RELEASED
     }

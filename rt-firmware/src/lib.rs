@@ -1,15 +1,18 @@
 //! The runtime that a board is made of.
 //!
-//! A robot's program is a set of tasks, written once in Rust. Which of them run, when, and how their data flows is decided by the
-//! mission: a blob that is uploaded while the robot stays on. This crate holds what is the same on every board: the task registry, the
-//! nets between tasks, the real-time side that executes slots, the background side for what has no deadline, the link to the host, and
-//! the drivers and tasks that ship. It names no chip and no pin: a board gives a timer, a byte link and embedded-hal parts. It builds
-//! on the host too, where the very same code runs against simulated parts.
+//! A robot's program is a set of tasks, written once in Rust. Which of them run, when, and how
+//! their data flows is decided by the mission: a blob that is uploaded while the robot stays on.
+//! This crate holds what is the same on every board: the task registry, the nets between tasks, the
+//! real-time side that executes slots, the background side for what has no deadline, the link to
+//! the host, and the drivers and tasks that ship. It names no chip and no pin: a board gives a
+//! timer, a byte link and embedded-hal parts. It builds on the host too, where the very same code
+//! runs against simulated parts.
 //!
-//! What it is not: a scheduler that preempts real-time tasks, an allocator of anything, or a second interpreter. What a mission means is
-//! decided in `esm-core` alone.
+//! What it is not: a scheduler that preempts real-time tasks, an allocator of anything, or a second
+//! interpreter. What a mission means is decided in `esm-core` alone.
 //!
-//! [The module `task`](mod@task) shows how a task is written, [`runtime`] how a board puts everything together.
+//! [The module `task`](mod@task) shows how a task is written, [`runtime`] how a board puts
+//! everything together.
 #![cfg_attr(not(test), no_std)]
 
 #[cfg(all(feature = "std", not(test)))]

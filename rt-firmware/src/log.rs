@@ -1,8 +1,9 @@
-//! Log macros that cost nothing where nobody listens: [`error!`](crate::error!), [`warn!`](crate::warn!), [`info!`](crate::info!) and
-//! [`debug!`](crate::debug!).
+//! Log macros that cost nothing where nobody listens: [`error!`](crate::error!),
+//! [`warn!`](crate::warn!), [`info!`](crate::info!) and [`debug!`](crate::debug!).
 //!
-//! With the feature `defmt` they are defmt's, with `log` those of the log crate, else they only evaluate their arguments. Formats use plain `{}` alone,
-//! which all of them understand. A crate that uses them with a feature on depends on `defmt` or `log` itself.
+//! With the feature `defmt` they are defmt's, with `log` those of the log crate, else they only
+//! evaluate their arguments. Formats use plain `{}` alone, which all of them understand. A crate
+//! that uses them with a feature on depends on `defmt` or `log` itself.
 
 /// One log macro for each level, all alike.
 macro_rules! levels {

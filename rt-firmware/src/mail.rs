@@ -1,8 +1,8 @@
 //! What the sides of a runtime hand to each other.
 //!
-//! There is one letter between link and real-time side, and one job between real-time side and background. Whoever holds it may look into it;
-//! giving it away is passing a reference through a queue. So nothing large is copied, nothing is locked, and what is under way is
-//! always one thing.
+//! There is one letter between link and real-time side, and one job between real-time side and
+//! background. Whoever holds it may look into it; giving it away is passing a reference through a
+//! queue. So nothing large is copied, nothing is locked, and what is under way is always one thing.
 
 use heapless::spsc::Queue;
 
@@ -27,7 +27,8 @@ pub struct Mail<'m> {
     pub(crate) freed: Queue<Freed<'m>, BUFFER_PLACES>,
 }
 
-/// Of what may be done at any time: no clock gets there, and its [ticks](crate::Board::TICKS_PER_US), 65,535 a microsecond at most, are still a number.
+/// Of what may be done at any time: no clock gets there, and its
+/// [ticks](crate::Board::TICKS_PER_US), 65,535 a microsecond at most, are still a number.
 pub(crate) const NO_DEADLINE: u64 = u64::MAX >> u16::BITS;
 
 /// The letter on its way to the real-time side.
@@ -35,11 +36,13 @@ pub(crate) struct Posted<'m> {
     pub(crate) letter: &'m mut Letter<'m>,
     /// When it is too late for what it asks for, on the board's clock in microseconds.
     pub(crate) by_us: u64,
-    /// How often a stop had been wished for; none if one is heard already that came behind what is asked for.
+    /// How often a stop had been wished for; none if one is heard already that came behind what is
+    /// asked for.
     pub(crate) stops: Option<u32>,
 }
 
-/// A buffer that the real-time side needs no more. It goes back by itself, for a robot that falls back answers nobody.
+/// A buffer that the real-time side needs no more. It goes back by itself, for a robot that falls
+/// back answers nobody.
 pub(crate) struct Freed<'m> {
     pub(crate) blob: BlobBuffer<'m>,
     pub(crate) spare: Spare<'m>,
@@ -98,7 +101,8 @@ pub(crate) enum Letter<'m> {
     Confirm {
         /// Its hash.
         mission: u32,
-        /// The keeper has one on trial: perhaps it did not take the confirmation of one that is on trial no more.
+        /// The keeper has one on trial: perhaps it did not take the confirmation of one that is on
+        /// trial no more.
         again: bool,
     },
     /// Real time: it does.

@@ -1,24 +1,30 @@
-//! Where values live and how tasks reach them: banks of tasks, port buffers, nets. The only `unsafe` of this crate is here.
+//! Where values live and how tasks reach them: banks of tasks, port buffers, nets. The only
+//! `unsafe` of this crate is here.
 //!
-//! A value is stored once, in a buffer of the output port that wrote it, and is never copied on its way to its readers. An output port
-//! has two buffers: one that its net refers to, and another, for what a slot-0 run reads or writes meanwhile. A real-time task writes over its
-//! last value, as long as nobody reads that. A port of a task that may read its own output has three ([`buffers_for`]).
+//! A value is stored once, in a buffer of the output port that wrote it, and is never copied on its
+//! way to its readers. An output port has two buffers: one that its net refers to, and another, for
+//! what a slot-0 run reads or writes meanwhile. A real-time task writes over its last value, as
+//! long as nobody reads that. A port of a task that may read its own output has three
+//! ([`buffers_for`]).
 //!
 //! # Invariants
 //! The `unsafe` below rests on these, each kept by this file alone:
 //!
-//! 1. **One owner.** [`assemble`] borrows every [`Bank`] mutably for as long as its [`Executor`] lives, and an executor cannot be cloned:
-//!    all access to the tasks and buffers of a bank goes through one executor and the one [`Job`] that it has lent.
-//! 2. **Lent is gone.** While a job is out, the executor does not touch the job's task, nor write into a buffer that the job refers to,
-//!    nor hand out a second job.
-//! 3. **Published or pinned is constant.** A buffer that a net refers to or that a job reads (its pins) is never
-//!    given to a task for writing. The one exception is a real-time task's own output and `inout`: a value is changed in place if no job reads
-//!    it and the same task does not read it through another port; nobody else can be reading it, since real-time tasks never preempt each
-//!    other.
-//! 4. **Types are known.** Each value carries the [`Kind`] of what is in its buffer. It is compared with the port's when a task instance is
-//!    executed, and the port's with the handle's at each access.
-//! 5. **Bound to one robot.** A [`Binding`] points into the banks that it was made for. It is executed by the executor of these alone, which
-//!    compares.
+//! 1. **One owner.** [`assemble`] borrows every [`Bank`] mutably for as long as its [`Executor`]
+//!    lives, and an executor cannot be cloned: all access to the tasks and buffers of a bank goes
+//!    through one executor and the one [`Job`] that it has lent.
+//! 2. **Lent is gone.** While a job is out, the executor does not touch the job's task, nor write
+//!    into a buffer that the job refers to, nor hand out a second job.
+//! 3. **Published or pinned is constant.** A buffer that a net refers to or that a job reads (its
+//!    pins) is never given to a task for writing. The one exception is a real-time task's own
+//!    output and `inout`: a value is changed in place if no job reads it and the same task does not
+//!    read it through another port; nobody else can be reading it, since real-time tasks never
+//!    preempt each other.
+//! 4. **Types are known.** Each value carries the `Kind` of what is in its buffer. It is compared
+//!    with the port's when a task instance is executed, and the port's with the handle's at each
+//!    access.
+//! 5. **Bound to one robot.** A [`Binding`] points into the banks that it was made for. It is
+//!    executed by the executor of these alone, which compares.
 
 #![allow(unsafe_code)]
 
@@ -37,12 +43,14 @@ use esm_link::message::SafeReason;
 
 /// Buffers of one output port.
 ///
-/// One of them is published, on one net. A slot-0 run may have pinned one, which need not be the same; then the published one is written over by
-/// a real-time task, for nobody reads it. A slot-0 run writes one that is not published. So two are enough, unless the task may find what it
+/// One of them is published, on one net. A slot-0 run may have pinned one, which need not be the
+/// same; then the published one is written over by a real-time task, for nobody reads it. A slot-0
+/// run writes one that is not published. So two are enough, unless the task may find what it
 /// published on another of its ports while it writes the next value.
 const BUFFERS: usize = 2;
 
-/// How many buffers an output port with this direction and type needs in a task with these `ports`: pairs of direction and type.
+/// How many buffers an output port with this direction and type needs in a task with these `ports`:
+/// pairs of direction and type.
 #[doc(hidden)]
 pub const fn buffers_for(direction: &str, type_name: &str, ports: &[(&str, &str)]) -> usize {
     let mut rest = ports;
@@ -92,7 +100,8 @@ impl Head {
         }
     }
 
-    /// A count that saturated is never taken back: such a buffer stays out of use rather than being written while referred to.
+    /// A count that saturated is never taken back: such a buffer stays out of use rather than being
+    /// written while referred to.
     fn uncount_publication(&self) {
         if !matches!(self.publications(), 0 | PUBLICATIONS) {
             self.uses.set(self.uses.get() - 1);
@@ -108,7 +117,8 @@ impl Head {
     }
 }
 
-/// A value and what is known of its use. The head comes first, so that a pointer to it is a pointer to the whole.
+/// A value and what is known of its use. The head comes first, so that a pointer to it is a pointer
+/// to the whole.
 #[repr(C)]
 struct Buffer<V> {
     head: Head,
@@ -144,7 +154,8 @@ impl ValueKind {
         ValueKind(const { &Kind::of::<V>() })
     }
 
-    /// Whether both are one type. As a rule a type has one `Kind`; where it has several, the types decide.
+    /// Whether both are one type. As a rule a type has one `Kind`; where it has several, the types
+    /// decide.
     #[cfg_attr(feature = "speed", inline(always))]
     fn is(self, other: ValueKind) -> bool {
         core::ptr::eq(self.0, other.0) || self.has_type_of(other)
@@ -166,7 +177,8 @@ impl core::fmt::Debug for ValueKind {
 /// Shows the value in a buffer, if there is one, and says what values of the type are made of.
 ///
 /// # Safety
-/// The buffer is a live one of this type, its pointer has provenance over all of it, and nobody is writing its value.
+/// The buffer is a live one of this type, its pointer has provenance over all of it, and nobody is
+/// writing its value.
 #[cfg(feature = "telemetry")]
 unsafe fn tell<V: PortType>(buffer: Option<NonNull<Head>>, show: &mut Show<'_>) -> &'static str {
     if let Some(buffer) = buffer {
@@ -178,7 +190,8 @@ unsafe fn tell<V: PortType>(buffer: Option<NonNull<Head>>, show: &mut Show<'_>) 
     V::FIELDS
 }
 
-/// A buffer whose type is known by its `Kind` only. The pointer's provenance is that of the whole [`Buffer`].
+/// A buffer whose type is known by its `Kind` only. The pointer's provenance is that of the whole
+/// [`Buffer`].
 #[derive(Clone, Copy)]
 struct ErasedBuffer {
     head: NonNull<Head>,
@@ -191,7 +204,8 @@ struct ErasedBuffer {
 /// The pointer leads into a bank that outlives what is returned.
 #[cfg_attr(feature = "speed", inline(always))]
 unsafe fn head<'b>(buffer: NonNull<Head>) -> &'b Head {
-    // SAFETY: as the caller promises. Only `Cell`s are behind it, and only the executor's thread reaches them.
+    // SAFETY: as the caller promises. Only `Cell`s are behind it, and only the executor's thread
+    // reaches them.
     unsafe { buffer.as_ref() }
 }
 
@@ -202,22 +216,23 @@ unsafe fn head<'b>(buffer: NonNull<Head>) -> &'b Head {
 #[cfg_attr(feature = "speed", inline(always))]
 unsafe fn value_in<V: PortType>(buffer: NonNull<Head>) -> NonNull<V> {
     let buffer = buffer.cast::<Buffer<V>>();
-    // SAFETY: as the caller promises; the projection stays inside, `UnsafeCell::raw_get` makes no reference, and what is inside a live
-    // buffer is not null.
+    // SAFETY: as the caller promises; the projection stays inside, `UnsafeCell::raw_get` makes no
+    // reference, and what is inside a live buffer is not null.
     unsafe { NonNull::new_unchecked(UnsafeCell::raw_get(&raw const (*buffer.as_ptr()).value)) }
 }
 
 impl ErasedBuffer {
     #[cfg_attr(feature = "speed", inline(always))]
     fn head(&self) -> &Head {
-        // SAFETY: `head` points into a bank that outlives the executor or job that holds this (invariant 1; nets are emptied when an
-        // executor is made).
+        // SAFETY: `head` points into a bank that outlives the executor or job that holds this
+        // (invariant 1; nets are emptied when an executor is made).
         unsafe { head(self.head) }
     }
 
     /// Pointer to the value, if `V` is its type.
     fn value<V: PortType>(&self) -> Option<NonNull<V>> {
-        // SAFETY: an `ErasedBuffer` is made from a `Buffer` whose value has the type of its kind, with provenance over all of it.
+        // SAFETY: an `ErasedBuffer` is made from a `Buffer` whose value has the type of its kind,
+        // with provenance over all of it.
         self.kind
             .is(ValueKind::of::<V>())
             .then(|| unsafe { value_in(self.head) })
@@ -293,8 +308,8 @@ impl<V: PortType, const N: usize> PortBuffers for Buffered<V, N> {
         if let (Some(from), Some(to)) = (from.value::<V>(), to.value::<V>())
             && from != to
         {
-            // SAFETY: the caller promises that nobody writes `from` or looks at `to`; both point to live values of type `V`, which is `Copy`,
-            // and are of two buffers.
+            // SAFETY: the caller promises that nobody writes `from` or looks at `to`; both point to
+            // live values of type `V`, which is `Copy`, and are of two buffers.
             unsafe { core::ptr::copy_nonoverlapping(from.as_ptr(), to.as_ptr(), 1) };
         }
     }
@@ -333,7 +348,8 @@ impl<V: PortType, const N: usize> PortSlot for Buffered<V, N> {
     }
 }
 
-/// The buffers of a task's data ports: a list of [`Buffered`] and [`Unbuffered`] in port order, `(first, (second, ()))`.
+/// The buffers of a task's data ports: a list of [`Buffered`] and [`Unbuffered`] in port order,
+/// `(first, (second, ()))`.
 pub trait OutputPorts: sealed::Sealed {
     /// The buffers before anything was written.
     #[doc(hidden)]
@@ -357,11 +373,13 @@ impl OutputPorts for () {
     }
 }
 
-/// A monitor that said nothing in so many executions in a row is broken, and the robot goes to its safe state: 200 ms in a slot
-/// of 40 ms, which is how old a range may be. One that works says something in each.
+/// A monitor that said nothing in so many executions in a row is broken, and the robot goes to its
+/// safe state: 200 ms in a slot of 40 ms, which is how old a range may be. One that works says
+/// something in each.
 pub const SILENT_EXECUTIONS: u8 = 5;
 
-/// Executions of a monitor in a row in which it said nothing. It stands at the end of the list, behind the ports.
+/// Executions of a monitor in a row in which it said nothing. It stands at the end of the list,
+/// behind the ports.
 #[doc(hidden)]
 pub struct Silence(Cell<u8>);
 
@@ -429,8 +447,9 @@ impl<T: Task, const N: usize> Bank<T, N> {
     }
 }
 
-// SAFETY: through a shared bank one reaches its tasks only by the `unsafe` methods of `TaskBank`, whose callers, the executor and the
-// job, keep to one thread at a time for each task and each buffer (invariants 1 to 3). `Task` requires `Send`, `PortType` `Send` and `Sync`.
+// SAFETY: through a shared bank one reaches its tasks only by the `unsafe` methods of `TaskBank`,
+// whose callers, the executor and the job, keep to one thread at a time for each task and each
+// buffer (invariants 1 to 3). `Task` requires `Send`, `PortType` `Send` and `Sync`.
 unsafe impl<T: Task, const N: usize> Sync for Bank<T, N> {}
 
 /// A [`Bank`] of tasks of any type.
@@ -470,7 +489,8 @@ struct TaskPointer {
 /// Executes the task in a place once; `enter` says whether an activation begins.
 ///
 /// # Safety
-/// It is a live place with a task of this type, the pointer has provenance over it, and nobody else is using the task.
+/// It is a live place with a task of this type, the pointer has provenance over it, and nobody else
+/// is using the task.
 unsafe fn step_in<T: Task>(place: NonNull<()>, enter: bool, io: &mut Io<'_>) -> Step {
     let place = place.cast::<Place<T>>();
     // SAFETY: as the caller promises; the projection stays inside.
@@ -523,7 +543,8 @@ impl<T: Task, const N: usize> TaskBank for Bank<T, N> {
 
 /// What a task sees while it is executed: the values on its ports, its flags and parameters.
 ///
-/// All access is by the handles that [`task!`](crate::task!) makes. A handle of another task type is a defect of the program and panics.
+/// All access is by the handles that [`task!`](crate::task!) makes. A handle of another task type
+/// is a defect of the program and panics.
 pub struct Io<'a> {
     state: &'a mut IoState,
 }
@@ -536,8 +557,8 @@ struct IoState {
     values: [Option<NonNull<Head>>; MAX_DATA_PORTS],
     /// Nominal start of the activation on the robot's clock.
     robot_us: u64,
-    /// What the task has done: bit n, from 0 on, data port n was written; from [`FIRST_FLAG`] on, control flag n was;
-    /// [`HAS_TOLD`], it has told something else.
+    /// What the task has done: bit n, from 0 on, data port n was written; from [`FIRST_FLAG`] on,
+    /// control flag n was; [`HAS_TOLD`], it has told something else.
     done: u32,
     /// Bit n: control flag n was set last. It means something where the flag was written.
     flags: u16,
@@ -638,14 +659,15 @@ impl<'a> Io<'a> {
         let is_right =
             (port.direction == Direction::In) == is_input && port.kind.is(ValueKind::of::<V>());
         assert!(is_right, "{}", WRONG_HANDLE);
-        // SAFETY: the value was found to be of the port's kind (invariant 4), which is that of `V`; its buffer is in a bank that outlives
-        // the executor or job.
+        // SAFETY: the value was found to be of the port's kind (invariant 4), which is that of `V`;
+        // its buffer is in a bank that outlives the executor or job.
         value.map(|value| unsafe { value_in(value) })
     }
 
     #[cfg_attr(feature = "speed", inline(always))]
     fn readable<V: PortType>(&self, index: u8) -> Option<&'a V> {
-        // SAFETY: the value is published or pinned and not written during this execution (invariant 3), which 'a does not outlive.
+        // SAFETY: the value is published or pinned and not written during this execution (invariant
+        // 3), which 'a does not outlive.
         self.value(index, true)
             .map(|value| unsafe { value.as_ref() })
     }
@@ -654,8 +676,9 @@ impl<'a> Io<'a> {
     fn writable<V: PortType>(&mut self, index: u8) -> Option<&mut V> {
         let mut value = self.value::<V>(index, false)?;
         self.state.done |= 1 << index;
-        // SAFETY: ports that are no inputs have buffers that are free, or values that nobody reads (invariant 3). Two ports of a task may be
-        // given one `inout` value, but the mutable borrow of `self` allows one reference at a time.
+        // SAFETY: ports that are no inputs have buffers that are free, or values that nobody reads
+        // (invariant 3). Two ports of a task may be given one `inout` value, but the mutable borrow
+        // of `self` allows one reference at a time.
         Some(unsafe { value.as_mut() })
     }
 
@@ -672,8 +695,9 @@ impl<'a> Io<'a> {
         self.readable(port.index)
     }
 
-    /// The place for a new value of an output, which is published when the step ends. It holds some older value: assign all of it.
-    /// An output that is not written keeps its last value on the net.
+    /// The place for a new value of an output, which is published when the step ends. It holds some
+    /// older value: assign all of it. An output that is not written keeps its last value on the
+    /// net.
     pub fn write<V: PortType>(&mut self, port: Out<V>) -> &mut V {
         let Some(value) = self.writable(port.index) else {
             panic!("{}", WRONG_HANDLE)
@@ -722,7 +746,8 @@ impl<'a> Io<'a> {
         )
     }
 
-    /// Nominal start of the slot's occurrence (of the one that started the run, in slot 0), in microseconds since the mission started.
+    /// Nominal start of the slot's occurrence (of the one that started the run, in slot 0), in
+    /// microseconds since the mission started.
     pub fn now_us(&self) -> u64 {
         self.state.inputs.now_us
     }
@@ -732,7 +757,8 @@ impl<'a> Io<'a> {
         self.state.inputs.period_us
     }
 
-    /// How often an occurrence of any slot lasted longer than its slot since the robot started, up to the occurrence before.
+    /// How often an occurrence of any slot lasted longer than its slot since the robot started, up
+    /// to the occurrence before.
     pub fn overruns(&self) -> u32 {
         self.state.inputs.overruns
     }
@@ -742,26 +768,29 @@ impl<'a> Io<'a> {
         self.state.inputs.missed
     }
 
-    /// How long no request has come over the link, in microseconds, as of the last occurrence of the interpreter's slot; counted from the start of the mission
-    /// where none has come since. Stays at its greatest value, which is 71 minutes.
+    /// How long no request has come over the link, in microseconds, as of the last occurrence of
+    /// the interpreter's slot; counted from the start of the mission where none has come since.
+    /// Stays at its greatest value, which is 71 minutes.
     pub fn link_silent_us(&self) -> u32 {
         self.state.inputs.link_silent_us
     }
 
-    /// The motors are to go off, whatever the mission does: after this execution the robot is in its safe state, for this reason. Said in slot 0, when the
-    /// run has ended.
+    /// The motors are to go off, whatever the mission does: after this execution the robot is in
+    /// its safe state, for this reason. Said in slot 0, when the run has ended.
     pub fn fail_safe(&mut self, reason: SafeReason) {
         self.state.tell();
         self.state.failure = Some(reason);
     }
 
-    /// Says that a task which is a [monitor](crate::task!) still watches, where it has no flag to set and nothing to write.
+    /// Says that a task which is a [monitor](crate::task!) still watches, where it has no flag to
+    /// set and nothing to write.
     pub fn beat(&mut self) {
         self.state.done |= IS_HEARD;
     }
 
-    /// From now on, and for as long as the task is enabled, so many occurrences of one slot in a row may last too long; one more brings the robot
-    /// to its safe state. It takes the place of the board's own [limit](crate::Limits); of several tasks, the last one to say so counts.
+    /// From now on, and for as long as the task is enabled, so many occurrences of one slot in a
+    /// row may last too long; one more brings the robot to its safe state. It takes the place of
+    /// the board's own [limit](crate::Limits); of several tasks, the last one to say so counts.
     /// Said in slot 0, it has no effect.
     pub fn allow_overruns(&mut self, in_a_row: u32) {
         self.state.tell();
@@ -919,7 +948,8 @@ impl Net {
         value_us: 0,
     };
 
-    /// The value, if it has a port's type and is not older than the port wants it at this time on the robot's clock.
+    /// The value, if it has a port's type and is not older than the port wants it at this time on
+    /// the robot's clock.
     #[cfg_attr(feature = "speed", inline(always))]
     fn fresh(&self, port: &PortDeclaration, robot_us: u64) -> Option<NonNull<Head>> {
         let value = self.value_for(port)?;
@@ -955,7 +985,8 @@ impl Net {
     }
 }
 
-// SAFETY: a net's reference is only followed by the executor that owns the net (invariant 1), which moves as a whole.
+// SAFETY: a net's reference is only followed by the executor that owns the net (invariant 1), which
+// moves as a whole.
 unsafe impl Send for Net {}
 
 /// Which task: a bank of the registry and a place in it.
@@ -1023,7 +1054,8 @@ pub struct Binding {
     task: Option<BoundTask>,
     ports: [BoundPort; MAX_DATA_PORTS],
     place: TaskPlace,
-    /// Bit n: the task can find what its data port n wrote or changed on no other of its ports, but where a value is on two nets.
+    /// Bit n: the task can find what its data port n wrote or changed on no other of its ports, but
+    /// where a value is on two nets.
     alone: u8,
 }
 
@@ -1035,7 +1067,8 @@ struct BoundTask {
     banks: NonNull<()>,
 }
 
-// SAFETY: what it points to is reached by the executor of its banks alone (invariants 1, 5), which is `Send` itself.
+// SAFETY: what it points to is reached by the executor of its banks alone (invariants 1, 5), which
+// is `Send` itself.
 unsafe impl Send for Binding {}
 
 impl Binding {
@@ -1119,8 +1152,8 @@ impl Registry<'_> {
         }
     }
 
-    /// What tells one robot's banks from another's: a list of banks is borrowed by one executor alone, and one with a task in it is not empty, so that its address
-    /// is nobody else's.
+    /// What tells one robot's banks from another's: a list of banks is borrowed by one executor
+    /// alone, and one with a task in it is not empty, so that its address is nobody else's.
     #[cfg_attr(feature = "speed", inline(always))]
     fn address(self) -> NonNull<()> {
         NonNull::from(self.banks).cast()
@@ -1164,11 +1197,13 @@ struct Call {
     enter: bool,
 }
 
-// SAFETY: tasks are `Send`, values `Send` and `Sync`, and everything that the executor's pointers lead to is reached by it alone or by
-// the job it lent, which share only values that neither writes (invariants 1 to 3).
+// SAFETY: tasks are `Send`, values `Send` and `Sync`, and everything that the executor's pointers
+// lead to is reached by it alone or by the job it lent, which share only values that neither writes
+// (invariants 1 to 3).
 unsafe impl Send for Executor<'_> {}
 
-/// Makes a robot of banks, as `registry!` lists them. `nets` limits the number of nets of a mission; there are two sets, so that one mission can follow another warm.
+/// Makes a robot of banks, as `registry!` lists them. `nets` limits the number of nets of a
+/// mission; there are two sets, so that one mission can follow another warm.
 ///
 /// # Errors
 /// What is wrong with the declarations; to be told at start-up, before any mission.
@@ -1211,7 +1246,8 @@ impl<'m> Executor<'m> {
         self.lent
     }
 
-    /// A mission starts: nets are emptied, tasks forget what they knew. A task that is lent does so when it comes back.
+    /// A mission starts: nets are emptied, tasks forget what they knew. A task that is lent does so
+    /// when it comes back.
     pub fn clear(&mut self) {
         self.begin_carry();
         let registry = self.registry;
@@ -1225,7 +1261,8 @@ impl<'m> Executor<'m> {
         self.end_carry(all);
     }
 
-    /// A mission starts that goes on from the one before: from here to [`end_carry`](Self::end_carry) values can be [carried](Self::carry_net).
+    /// A mission starts that goes on from the one before: from here to
+    /// [`end_carry`](Self::end_carry) values can be [carried](Self::carry_net).
     pub fn begin_carry(&mut self) {
         self.call = None;
         if WARM {
@@ -1242,7 +1279,8 @@ impl<'m> Executor<'m> {
         }
     }
 
-    /// Forgets the nets of the mission before, and lets these tasks forget what they knew. One that is lent does so when it comes back.
+    /// Forgets the nets of the mission before, and lets these tasks forget what they knew. One that
+    /// is lent does so when it comes back.
     pub fn end_carry(&mut self, left_behind: impl Iterator<Item = TaskPlace>) {
         let before = if WARM {
             &mut self.nets_before
@@ -1255,15 +1293,16 @@ impl<'m> Executor<'m> {
         self.lent_is_stale = self.lent.is_some();
         for task in left_behind.filter(|task| self.lent != Some(*task)) {
             if let Some(bank) = self.registry.bank(usize::from(task.bank)) {
-                // SAFETY: the executor owns all tasks (invariant 1), except for the lent one, which was left out.
+                // SAFETY: the executor owns all tasks (invariant 1), except for the lent one, which
+                // was left out.
                 unsafe { bank.reset(usize::from(task.place)) };
             }
         }
     }
 
-    /// Executes a task once and publishes what it wrote. `net_of` tells the net of each data port. `enter` says whether an activation
-    /// begins. The mission's time is the robot's, too. `None`, and nothing is done, if a required input has no fresh value or the
-    /// task is lent.
+    /// Executes a task once and publishes what it wrote. `net_of` tells the net of each data port.
+    /// `enter` says whether an activation begins. The mission's time is the robot's, too. `None`,
+    /// and nothing is done, if a required input has no fresh value or the task is lent.
     pub fn execute(
         &mut self,
         task: TaskPlace,
@@ -1287,7 +1326,8 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// All executions from here on are of an occurrence of a slot with this period that starts at these times of the mission and the robot.
+    /// All executions from here on are of an occurrence of a slot with this period that starts at
+    /// these times of the mission and the robot.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn begin(&mut self, now_us: u64, robot_us: u64, period_us: u32) {
         self.state.inputs.now_us = now_us;
@@ -1306,9 +1346,10 @@ impl<'m> Executor<'m> {
         &mut self.state.inputs
     }
 
-    /// Finds the values of a task's ports for its next execution, which [`run`](Self::run) does. `enter` says whether an activation begins.
-    /// False, and nothing is done, if a required input has no fresh value or the task is lent. Whatever changes nets, tasks or the use of
-    /// buffers takes this back (invariant 3).
+    /// Finds the values of a task's ports for its next execution, which [`run`](Self::run) does.
+    /// `enter` says whether an activation begins. False, and nothing is done, if a required input
+    /// has no fresh value or the task is lent. Whatever changes nets, tasks or the use of buffers
+    /// takes this back (invariant 3).
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn prepare(&mut self, binding: &mut Binding, enter: bool) -> bool {
         self.call = None;
@@ -1336,19 +1377,22 @@ impl<'m> Executor<'m> {
         self.call = None;
     }
 
-    /// Executes the task that was prepared, if one was. What it wrote is published by [`end_step`](Self::end_step).
+    /// Executes the task that was prepared, if one was. What it wrote is published by
+    /// [`end_step`](Self::end_step).
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn run(&mut self) -> Option<Step> {
         let Call { task, enter } = self.call.take()?;
         let mut io = Io {
             state: &mut self.state,
         };
-        // SAFETY: the pointer is of a task of this executor's banks (invariant 5), which owns it (invariant 1). It is not lent: it was not
-        // when it was prepared, and lending takes that back.
+        // SAFETY: the pointer is of a task of this executor's banks (invariant 5), which owns it
+        // (invariant 1). It is not lent: it was not when it was prepared, and lending takes that
+        // back.
         Some(unsafe { (task.step)(task.place, enter, &mut io) })
     }
 
-    /// Publishes what the task wrote that was executed last, and tells what else it said, if it said something.
+    /// Publishes what the task wrote that was executed last, and tells what else it said, if it
+    /// said something.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn end_step(&mut self, binding: &Binding) -> Option<Said> {
         let done = self.state.done;
@@ -1372,11 +1416,12 @@ impl<'m> Executor<'m> {
                 // Nobody ever reads a buffer of a port that leads nowhere.
                 Direction::Out if bound.net == NO_NET && bound.buffer != 0 => {
                     let bytes = (usize::from(bound.buffer) - 1) * BUFFER_UNIT;
-                    // SAFETY: it is one of the port's own buffers, as binding and choosing found, and so in the task's place, over all of which the pointer has
-                    // provenance.
+                    // SAFETY: it is one of the port's own buffers, as binding and choosing found,
+                    // and so in the task's place, over all of which the pointer has provenance.
                     Some(unsafe { task.pointer.place.byte_add(bytes) }.cast())
                 }
-                // What this port wrote last is written over, or else its value is changed in place, where it can be seen nowhere else.
+                // What this port wrote last is written over, or else its value is changed in place,
+                // where it can be seen nowhere else.
                 direction => {
                     let last = net.and_then(|net| match direction {
                         Direction::InOut => net.fresh(port, robot_us),
@@ -1384,7 +1429,8 @@ impl<'m> Executor<'m> {
                             distance(task.pointer, *value) == usize::from(bound.buffer)
                         }),
                     });
-                    // SAFETY: a value on a net is in a buffer of this executor's banks (invariant 1).
+                    // SAFETY: a value on a net is in a buffer of this executor's banks (invariant
+                    // 1).
                     let last =
                         last.filter(|value| unsafe { head(*value) }.uses.get() == PUBLISHED_ONCE);
                     if last.is_some() && binding.alone >> index & 1 != 0 {
@@ -1436,8 +1482,8 @@ impl<'m> Executor<'m> {
         }
     }
 
-    /// Lends a task for one run in slot 0, with the values that are on its inputs now. `net_of` tells the net of each data port.
-    /// See [`lend_bound`](Self::lend_bound).
+    /// Lends a task for one run in slot 0, with the values that are on its inputs now. `net_of`
+    /// tells the net of each data port. See `lend_bound`.
     pub fn lend(
         &mut self,
         task: TaskPlace,
@@ -1449,9 +1495,9 @@ impl<'m> Executor<'m> {
         self.lend_bound(&binding, step_us, find_inputs)
     }
 
-    /// Lends a task for one run in slot 0, with the values that are on its inputs now. Their age is that at `step_us` on the
-    /// robot's clock, the last macro step. `None`, and nothing is done, if a required input has no fresh value or a task is lent
-    /// already.
+    /// Lends a task for one run in slot 0, with the values that are on its inputs now. Their age is
+    /// that at `step_us` on the robot's clock, the last macro step. `None`, and nothing is done, if
+    /// a required input has no fresh value or a task is lent already.
     pub(crate) fn lend_bound(
         &mut self,
         binding: &Binding,
@@ -1514,17 +1560,19 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// Takes a job back and publishes what its run wrote, where its mission still runs. The time of that is `step_us` on the robot's clock,
-    /// the macro step that notes the run's end.
+    /// Takes a job back and publishes what its run wrote, where its mission still runs. The time of
+    /// that is `step_us` on the robot's clock, the macro step that notes the run's end.
     pub fn harvest(&mut self, job: Job<'m>, step_us: u64) -> Harvest {
         self.call = None;
-        // A list of banks is borrowed by one executor alone, and one that has lent a task is not empty: its address is nobody else's.
+        // A list of banks is borrowed by one executor alone, and one that has lent a task is not
+        // empty: its address is nobody else's.
         let own = core::ptr::eq(self.registry.banks, job.banks);
         if !own || self.lent != Some(job.binding.place) {
             return Harvest::Foreign;
         }
         for value in read_by(&job.state) {
-            // SAFETY: the job is one of this executor's, so that its values are in buffers of its banks (invariant 1).
+            // SAFETY: the job is one of this executor's, so that its values are in buffers of its
+            // banks (invariant 1).
             unsafe { head(value) }.unpin();
         }
         self.lent = None;
@@ -1560,8 +1608,8 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// Publishes a value from outside on a net, which is as fresh as anyone wants it: how a [`TaskBench`](crate::TaskBench) gives
-    /// inputs.
+    /// Publishes a value from outside on a net, which is as fresh as anyone wants it: how a
+    /// [`TaskBench`](crate::TaskBench) gives inputs.
     #[cfg(any(test, feature = "std"))]
     pub(crate) fn inject<V: PortType>(
         &mut self,
@@ -1593,8 +1641,9 @@ impl<'m> Executor<'m> {
         let Some(value) = self.nets.get(usize::from(net)).and_then(|net| net.value) else {
             return false;
         };
-        // SAFETY: the type is the one that the buffer was made for (invariant 4), and a published value is not written except while a task is executed, which borrows the executor
-        // mutably (invariant 3).
+        // SAFETY: the type is the one that the buffer was made for (invariant 4), and a published
+        // value is not written except while a task is executed, which borrows the executor mutably
+        // (invariant 3).
         unsafe { (value.kind.0.tell)(Some(value.head), show) };
         true
     }
@@ -1611,7 +1660,8 @@ impl<'m> Executor<'m> {
         Some(unsafe { (buffer.kind.0.tell)(None, &mut Show::new(&[])) })
     }
 
-    /// What the values are made of that tasks of a bank write on a port: this firmware does not know.
+    /// What the values are made of that tasks of a bank write on a port: this firmware does not
+    /// know.
     #[cfg(not(feature = "telemetry"))]
     pub(crate) fn fields(&self, _bank: u8, _port: usize) -> Option<&'static str> {
         None
@@ -1620,7 +1670,8 @@ impl<'m> Executor<'m> {
     /// The value on a net, if there is one and it has this type.
     pub fn value_on<V: PortType>(&self, net: usize) -> Option<V> {
         let value = self.nets.get(net)?.value?.value::<V>()?;
-        // SAFETY: a published value is not written except while a task is executed, which borrows the executor mutably (invariant 3).
+        // SAFETY: a published value is not written except while a task is executed, which borrows
+        // the executor mutably (invariant 3).
         Some(unsafe { value.read() })
     }
 }
@@ -1633,7 +1684,8 @@ fn read_by(state: &IoState) -> impl Iterator<Item = NonNull<Head>> {
         .filter_map(|(_, value)| *value)
 }
 
-/// Finds the buffer for a port that is written or changed where it is not the usual one: an execution's first, one beside a slot-0 run that reads the last value, or a slot-0 run itself.
+/// Finds the buffer for a port that is written or changed where it is not the usual one: an
+/// execution's first, one beside a slot-0 run that reads the last value, or a slot-0 run itself.
 /// `None` where the task cannot be executed, or the port is optional and has no value.
 #[inline(never)]
 fn choose_buffer(
@@ -1681,7 +1733,8 @@ fn choose_buffer(
             Some(value) => value,
             None => {
                 let own = buffers.free_buffer()?;
-                // SAFETY: `current` is published, so that nobody writes it now; `own` is free, so that nobody looks at it.
+                // SAFETY: `current` is published, so that nobody writes it now; `own` is free, so
+                // that nobody looks at it.
                 unsafe { buffers.copy(current, own) };
                 own
             }
@@ -1699,7 +1752,8 @@ fn choose_buffer(
     Some(chosen.head)
 }
 
-/// One run of a task in slot 0. It owns the task and what it reads and writes until it is given back to the executor.
+/// One run of a task in slot 0. It owns the task and what it reads and writes until it is given
+/// back to the executor.
 pub struct Job<'m> {
     binding: Binding,
     banks: &'m [&'m mut (dyn TaskBank + 'm)],
@@ -1710,8 +1764,8 @@ pub struct Job<'m> {
     step: Step,
 }
 
-// SAFETY: tasks are `Send`, values `Send` and `Sync`. What a job points to is not written by anyone else while it is out (invariants 2, 3),
-// and it never touches the heads of its buffers.
+// SAFETY: tasks are `Send`, values `Send` and `Sync`. What a job points to is not written by anyone
+// else while it is out (invariants 2, 3), and it never touches the heads of its buffers.
 unsafe impl Send for Job<'_> {}
 
 impl Job<'_> {
@@ -1720,7 +1774,8 @@ impl Job<'_> {
         self.binding.place
     }
 
-    /// Executes the task once more. The run ends with [`Step::Finished`]; after that this does nothing.
+    /// Executes the task once more. The run ends with [`Step::Finished`]; after that this does
+    /// nothing.
     pub fn step(&mut self) -> Step {
         if self.step == Step::Run {
             let Some(task) = self.binding.task else {
@@ -2066,7 +2121,8 @@ mod tests {
         const PUBLISHED_US: u64 = u32::MAX as u64 * 3;
         with_careful_robot(|executor| {
             step_at(executor, PUBLISHED_US, SOURCE, source_net);
-            // Its age; whether the task is executed, and with which sum. One that comes from the future is new.
+            // Its age; whether the task is executed, and with which sum. One that comes from the
+            // future is new.
             for (now_us, sum) in [
                 (PUBLISHED_US - 1, Some(2)),
                 (PUBLISHED_US, Some(2)),
@@ -2101,7 +2157,8 @@ mod tests {
             assert!(!step_at(executor, 1_101, CHANGER, source_net));
             assert!(!step_at(executor, 1_101, CAREFUL, careful_net));
             assert_eq!(executor.value_on(NET), Some(Count(201)));
-            // Changed in a slot-0 run while it was written anew: the older value is published, with the time that it had.
+            // Changed in a slot-0 run while it was written anew: the older value is published, with
+            // the time that it had.
             step_at(executor, 2_000, SOURCE, source_net);
             let mut job = executor
                 .lend(CHANGER, source_net, 2_000, |_, _| ())

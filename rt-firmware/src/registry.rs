@@ -32,9 +32,11 @@ use crate::features::MISSIONS;
 /// # drop(executor);
 /// ```
 ///
-/// A bank that is only there with a feature of the crate says so behind its number: `blink: Blink[2] if "lamps"`.
+/// A bank that is only there with a feature of the crate says so behind its number:
+/// `blink: Blink[2] if "lamps"`.
 ///
-/// Generics stand in brackets, as in [`task!`](crate::task!): `pub struct Rover[M: SetDutyCycle]<M> { drive: Drive<M>[1] }`.
+/// Generics stand in brackets, as in [`task!`](crate::task!):
+/// `pub struct Rover[M: SetDutyCycle]<M> { drive: Drive<M>[1] }`.
 #[macro_export]
 macro_rules! registry {
     (
@@ -65,7 +67,8 @@ macro_rules! registry {
     };
 }
 
-/// Storage for the nets of missions with up to `N`: for two missions, where one can take over from another.
+/// Storage for the nets of missions with up to `N`: for two missions, where one can take over from
+/// another.
 pub const fn nets<const N: usize>() -> [[crate::Net; N]; MISSIONS] {
     [[crate::Net::EMPTY; N]; MISSIONS]
 }

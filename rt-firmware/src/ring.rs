@@ -1,7 +1,7 @@
 //! A ring of records between one writer and one reader that never wait for each other.
 //!
-//! Records are written whole or not at all. Nothing here needs a critical section or a compare-and-swap: each side stores its own
-//! position and loads the other's.
+//! Records are written whole or not at all. Nothing here needs a critical section or a
+//! compare-and-swap: each side stores its own position and loads the other's.
 
 use core::sync::atomic::{AtomicU8, AtomicU32, AtomicUsize, Ordering};
 
@@ -61,10 +61,12 @@ impl<const N: usize> Ring<N> {
     }
 }
 
-/// Bytes of a [`RecordRing`] for each word of the interpreter's: one more than a word of it takes at most, and so enough for all of them and what stands before them.
+/// Bytes of a [`RecordRing`] for each word of the interpreter's: one more than a word of it takes
+/// at most, and so enough for all of them and what stands before them.
 const RECORD_BYTES_PER_WORD: usize = STATE_WORD_BYTES + 1;
 
-/// Storage of the ring of a recording: six bytes for each word that an interpreter may have, so that all of its state fits, with `WORDS` of at least [`RecordRing::FEWEST_WORDS`].
+/// Storage of the ring of a recording: six bytes for each word that an interpreter may have, so
+/// that all of its state fits, with `WORDS` of at least [`RecordRing::FEWEST_WORDS`].
 pub struct RecordRing<const WORDS: usize> {
     bytes: [[AtomicU8; RECORD_BYTES_PER_WORD]; WORDS],
     ends: Ends,
@@ -140,7 +142,8 @@ impl RingWriter<'_> {
         self.free_bytes() >= LENGTH_BYTES + bytes
     }
 
-    /// Writes a record. Returns false, and counts it as dropped, if there is no room for it that leaves `reserve` bytes for others.
+    /// Writes a record. Returns false, and counts it as dropped, if there is no room for it that
+    /// leaves `reserve` bytes for others.
     pub fn record(&mut self, reserve: usize, write: impl FnOnce(&mut RecordWriter<'_>)) -> bool {
         let start = self.ends.tail.load(Ordering::Relaxed);
         let mut writer = RecordWriter {

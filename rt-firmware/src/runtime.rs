@@ -65,11 +65,13 @@ use crate::telemetry::TelemetryMemory;
 use esm_core::{BlobBuffer, Dispatcher};
 use esm_link::message::{Capacities, ResetReason};
 
-/// Entries of the table of what two missions have in common, for each word of the interpreter's. It is never too short for their region instances.
+/// Entries of the table of what two missions have in common, for each word of the interpreter's. It
+/// is never too short for their region instances.
 const PAIRS_OF_WORD: usize = 2;
 
-/// All memory of a runtime but that of its tasks. Its parameters are what a mission may use: bytes of a blob, words for the
-/// interpreter, slots, task instances, nets, exclusive groups; and the bytes of the trace ring.
+/// All memory of a runtime but that of its tasks. Its parameters are what a mission may use: bytes
+/// of a blob, words for the interpreter, slots, task instances, nets, exclusive groups; and the
+/// bytes of the trace ring.
 pub struct Memory<
     'm,
     const BLOB_BYTES: usize,
@@ -96,7 +98,8 @@ pub struct Memory<
     recorder: RecorderMemory<ARENA_WORDS>,
     telemetry: TelemetryMemory,
     snapshot: Snapshot,
-    /// This and the letter are written when the runtime is made: so all of this is zeros before, and a static of it takes no flash.
+    /// This and the letter are written when the runtime is made: so all of this is zeros before,
+    /// and a static of it takes no flash.
     job: MaybeUninit<Option<Job<'m>>>,
     letter: MaybeUninit<Letter<'m>>,
 }
@@ -169,7 +172,8 @@ impl<'m> About<'m> {
     /// A robot that started because the power came on.
     ///
     /// # Panics
-    /// A name is longer than [`MAX_NAME_BYTES`]: at start-up, or while compiling where this is a constant.
+    /// A name is longer than [`MAX_NAME_BYTES`]: at start-up, or while compiling where this is a
+    /// constant.
     pub const fn new(firmware: &'m str, board: &'m str) -> Self {
         assert!(
             firmware.len() <= MAX_NAME_BYTES && board.len() <= MAX_NAME_BYTES,
@@ -184,7 +188,8 @@ impl<'m> About<'m> {
     }
 }
 
-/// The sides of a runtime: for the slot timer's interrupt, for the idle loop, for a task at a low priority.
+/// The sides of a runtime: for the slot timer's interrupt, for the idle loop, for a task at a low
+/// priority.
 pub type Sides<'q, 'm> = (RealTime<'q, 'm>, Background<'q, 'm>, LinkSide<'q, 'm>);
 
 /// Makes a runtime of its memory and a robot's banks, and splits it into its sides.

@@ -1,10 +1,12 @@
-//! What a value on a net is made of: the names and types of its fields, which a host asks for, and their bits, which
-//! [telemetry](esm_link::telemetry) carries. Nothing is formatted here.
+//! What a value on a net is made of: the names and types of its fields, which a host asks for, and
+//! their bits, which [telemetry](esm_link::telemetry) carries. Nothing is formatted here.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-/// Says what a port type is made of, inside its [`PortType`](crate::PortType): all of its fields that are to be seen from outside, in this order, each of `bool`, an integer of up to
-/// 32 bits, `f32`, or a row of such, whose length is written as a number. A name says what the field is, and ends in its unit where it has one.
+/// Says what a port type is made of, inside its [`PortType`](crate::PortType): all of its fields
+/// that are to be seen from outside, in this order, each of `bool`, an integer of up to 32 bits,
+/// `f32`, or a row of such, whose length is written as a number. A name says what the field is, and
+/// ends in its unit where it has one.
 ///
 /// ```
 /// use rt_firmware::{PortType, fields};

@@ -56,7 +56,8 @@ impl Health {
 }
 
 const WORDS: usize = 13;
-/// From this bit on the number of parameters that differ, which is at most [`MAX_CHANGED`](crate::realtime::params::MAX_CHANGED) and takes four bits.
+/// From this bit on the number of parameters that differ, which is at most
+/// [`MAX_CHANGED`](crate::realtime::params::MAX_CHANGED) and takes four bits.
 const CHANGED_PARAMS_SHIFT: u32 = 8;
 /// From this bit on the number of those that were saved, which is no more.
 const SAVED_PARAMS_SHIFT: u32 = 12;
@@ -68,13 +69,14 @@ const TRIAL_HAS_BEFORE: u32 = 1 << 19;
 const HAS_FALLEN_BACK: u32 = 1 << 20;
 /// From this bit on the reason of the last fall-back.
 const FALL_BACK_SHIFT: u32 = 24;
-/// Attempts to read a snapshot between two writes. On one core, with the writer above the reader, the first fails at most once.
+/// Attempts to read a snapshot between two writes. On one core, with the writer above the reader,
+/// the first fails at most once.
 const ATTEMPTS: usize = 64;
 
 /// A [`Health`] that one side writes and another reads, neither waiting for the other.
 ///
-/// The version is odd while the words are being written. A reader takes what it read only if the version was even and the same
-/// before and after.
+/// The version is odd while the words are being written. A reader takes what it read only if the
+/// version was even and the same before and after.
 pub struct Snapshot {
     version: AtomicU32,
     words: [AtomicU32; WORDS],

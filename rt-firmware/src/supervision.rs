@@ -1,8 +1,10 @@
 //! Who must show signs of life so that the watchdog is fed.
 //!
-//! While a mission runs, each of its slots must be executed once in a window of twice the longest period of them, and [`MIN_WINDOW_US`] more. The link
-//! must get its turn once in [`LINK_BOUND_US`], the idle loop, which runs slot-0 tasks, once in [`SLOT_0_BOUND_US`]. If one of them is silent for longer, the watchdog is fed no more,
-//! and the board resets; who it was is kept. A task of a real-time slot that never returns needs no watching: nothing is fed meanwhile.
+//! While a mission runs, each of its slots must be executed once in a window of twice the longest
+//! period of them, and [`MIN_WINDOW_US`] more. The link must get its turn once in
+//! [`LINK_BOUND_US`], the idle loop, which runs slot-0 tasks, once in [`SLOT_0_BOUND_US`]. If one
+//! of them is silent for longer, the watchdog is fed no more, and the board resets; who it was is
+//! kept. A task of a real-time slot that never returns needs no watching: nothing is fed meanwhile.
 
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
@@ -11,7 +13,8 @@ use esm_link::message::Silent;
 use crate::board::microseconds;
 use crate::link::stops::Stops;
 
-/// What a window has beyond twice the longest period, in µs: interrupts that were masked for long make slots late, and are no reason to reset.
+/// What a window has beyond twice the longest period, in µs: interrupts that were masked for long
+/// make slots late, and are no reason to reset.
 pub const MIN_WINDOW_US: u32 = 1_000_000;
 /// How long the link may go without a turn, in µs.
 pub const LINK_BOUND_US: u32 = 5_000_000;
@@ -28,13 +31,16 @@ pub(crate) struct Signs {
     pub(crate) requests: AtomicU32,
     /// How long slots have run, in microseconds; wraps. The real-time side's.
     pub(crate) slots_us: AtomicU32,
-    /// How long the link has worked, in microseconds, the time that slots took from it not included; wraps. The link's.
+    /// How long the link has worked, in microseconds, the time that slots took from it not
+    /// included; wraps. The link's.
     pub(crate) link_us: AtomicU32,
     /// Wishes that the robot stops.
     pub(crate) stops: Stops,
-    /// An emergency stop is latched. Set by whoever wants one, cleared by the real-time side alone, which looks before each exchange with the body.
+    /// An emergency stop is latched. Set by whoever wants one, cleared by the real-time side alone,
+    /// which looks before each exchange with the body.
     pub(crate) emergency_stop: AtomicBool,
-    /// The emergency stop that is latched may be released, since nobody wanted another one after that was asked for. The link sets it, and whoever wants a stop clears it.
+    /// The emergency stop that is latched may be released, since nobody wanted another one after
+    /// that was asked for. The link sets it, and whoever wants a stop clears it.
     pub(crate) release: AtomicBool,
     /// The button that latches one is pressed; looked at while one is latched.
     pub(crate) stop_pressed: AtomicBool,
@@ -87,8 +93,9 @@ impl Taken {
         }
     }
 
-    /// Whether the link has taken, of a time that began with these, nearly all that slots left: more than [its share](crate::LinkPort::LINK_PERCENT), which leaves
-    /// slot 0 some. Where slots leave next to nothing, they are what slot 0 lacks time for.
+    /// Whether the link has taken, of a time that began with these, nearly all that slots left:
+    /// more than [its share](crate::LinkPort::LINK_PERCENT), which leaves slot 0 some. Where slots
+    /// leave next to nothing, they are what slot 0 lacks time for.
     fn is_starved_by_link(self, signs: &Signs, elapsed_us: u64) -> bool {
         let now = Taken::now(signs);
         let link_us = u64::from(now.link.wrapping_sub(self.link));
@@ -117,8 +124,9 @@ impl Supervision {
         self.began = None;
     }
 
-    /// Whether the watchdog may be fed now. `first_silent_slot` says which slot was not executed since it was asked last; it is asked at the end
-    /// of each window, and once before the first. No window is open where no mission runs.
+    /// Whether the watchdog may be fed now. `first_silent_slot` says which slot was not executed
+    /// since it was asked last; it is asked at the end of each window, and once before the first.
+    /// No window is open where no mission runs.
     pub(crate) fn allows_food(
         &mut self,
         now: u64,

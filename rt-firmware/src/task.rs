@@ -1,6 +1,7 @@
 //! What a task is: typed ports, flags and parameters around one step function.
 //!
-//! A task is a plain struct. [`task!`](crate::task!) declares what it is connected to, and [`Task`] says what it does:
+//! A task is a plain struct. [`task!`](crate::task!) declares what it is connected to, and [`Task`]
+//! says what it does:
 //!
 //! ```
 //! use rt_firmware::{Io, PortType, Step, Task, task};
@@ -84,14 +85,17 @@ pub const MAX_PARAMS: usize = 8;
 
 /// A type whose values travel over nets.
 ///
-/// Values are plain data: they are never dropped, and several tasks may look at one of them at a time.
+/// Values are plain data: they are never dropped, and several tasks may look at one of them at a
+/// time.
 pub trait PortType: Copy + Send + Sync + 'static {
-    /// The name by which `.esm` files call this type. One name stands for one Rust type, which is checked at start-up.
+    /// The name by which `.esm` files call this type. One name stands for one Rust type, which is
+    /// checked at start-up.
     const NAME: &'static str;
     /// What a buffer holds before anything was written into it.
     const INIT: Self;
 
-    /// What it is made of, as far as that can be seen from outside: a line for each field, its name, a colon, its type. [`fields!`](crate::fields!) says this, and `show` with it.
+    /// What it is made of, as far as that can be seen from outside: a line for each field, its
+    /// name, a colon, its type. [`fields!`](crate::fields!) says this, and `show` with it.
     const FIELDS: &'static str = "";
 
     /// Shows the fields of a value to whoever looks at it.
@@ -124,17 +128,19 @@ plain_port_type! {
 
 /// A type of task: what runs when a task state of a mission is executed.
 ///
-/// One value of the type serves one task state at a time; the robot's registry says how many there are.
+/// One value of the type serves one task state at a time; the robot's registry says how many there
+/// are.
 pub trait Task: Declared + Send {
     /// A mission starts: forget everything that an earlier mission left behind.
     fn reset(&mut self) {}
 
-    /// The task state was entered anew; called before the first [`step`](Task::step) of each activation.
+    /// The task state was entered anew; called before the first [`step`](Task::step) of each
+    /// activation.
     fn enter(&mut self) {}
 
-    /// Executes the task once. For a real-time task this is called once in each occurrence of its slot and must end within the
-    /// slot's duration; for a task in slot 0 it is called again and again, preempted by every slot, until it returns
-    /// [`Step::Finished`].
+    /// Executes the task once. For a real-time task this is called once in each occurrence of its
+    /// slot and must end within the slot's duration; for a task in slot 0 it is called again and
+    /// again, preempted by every slot, until it returns [`Step::Finished`].
     fn step(&mut self, io: &mut Io<'_>) -> Step;
 }
 
@@ -143,7 +149,8 @@ pub trait Task: Declared + Send {
 pub enum Step {
     /// The task goes on in the next occurrence of its slot.
     Run,
-    /// The task has done its work: its exit flag is set and it is not executed again until its state is entered anew.
+    /// The task has done its work: its exit flag is set and it is not executed again until its
+    /// state is entered anew.
     Finished,
 }
 
@@ -184,7 +191,8 @@ pub struct PortDeclaration {
     pub direction: Direction,
     /// Whether the task is executed although the port's net holds no value.
     pub optional: bool,
-    /// How old a value may be, in microseconds, where the task says so: what is older counts as none.
+    /// How old a value may be, in microseconds, where the task says so: what is older counts as
+    /// none.
     pub within_us: Option<u32>,
     /// What the port is for.
     #[doc(hidden)]
@@ -244,7 +252,8 @@ pub struct ParamDeclaration {
 }
 
 impl ParamDeclaration {
-    /// Whether a value, given by its bits, is one of the type and within the bounds. NaN is within none.
+    /// Whether a value, given by its bits, is one of the type and within the bounds. NaN is within
+    /// none.
     pub fn admits(&self, bits: u32) -> bool {
         let Some([least, greatest]) = self.bounds else {
             return self.kind != ParamKind::Bool || bits <= 1;
@@ -319,7 +328,8 @@ fn tell_number(number: u32, tell: &mut dyn FnMut(&[u8])) {
 impl Declaration {
     /// Whether `text` is this task's [signature](Declared::SIGNATURE), to the byte.
     ///
-    /// It is put together from the declaration's parts, piece by piece: a second copy of all names would cost a small robot kilobytes of flash.
+    /// It is put together from the declaration's parts, piece by piece: a second copy of all names
+    /// would cost a small robot kilobytes of flash.
     pub fn has_signature(&self, text: &[u8]) -> bool {
         let mut text = Unread(text);
         let mut same = text.starts(&["task ", self.name, "{"]);
@@ -349,8 +359,8 @@ impl Declaration {
         same && text.0 == b"}"
     }
 
-    /// Tells the declaration as `.esm` text, piece by piece, with what it is for, default slot, ranges and default values.
-    /// `count` is how many of the task a firmware has room for.
+    /// Tells the declaration as `.esm` text, piece by piece, with what it is for, default slot,
+    /// ranges and default values. `count` is how many of the task a firmware has room for.
     pub fn tell_source(&self, count: u32, tell: &mut dyn FnMut(&[u8])) {
         let mut texts = |pieces: &[&str], number: Option<u32>, end: &str| {
             pieces.iter().for_each(|piece| tell(piece.as_bytes()));
@@ -438,12 +448,13 @@ impl Unread<'_> {
 
 /// A type with a declaration; implemented by [`task!`](crate::task!).
 pub trait Declared {
-    /// Canonical text of the signature, which blobs are compiled against. A robot does not keep it: see [`Declaration::has_signature`].
+    /// Canonical text of the signature, which blobs are compiled against. A robot does not keep it:
+    /// see [`Declaration::has_signature`].
     const SIGNATURE: &'static str;
     /// What the type declares.
     const DECLARATION: Declaration;
-    /// Buffers of the data ports; made of [`Buffered`](crate::ports::Buffered) and [`Unbuffered`](crate::ports::Unbuffered)
-    /// in port order.
+    /// Buffers of the data ports; made of [`Buffered`](crate::ports::Buffered) and
+    /// [`Unbuffered`](crate::ports::Unbuffered) in port order.
     type Outputs: OutputPorts;
 }
 
@@ -452,7 +463,8 @@ pub const fn declaration_of<T: Declared>() -> &'static Declaration {
     const { &T::DECLARATION }
 }
 
-/// Declares a handle type: a place in a task's list of ports, flags or parameters, with the type of what is there.
+/// Declares a handle type: a place in a task's list of ports, flags or parameters, with the type of
+/// what is there.
 macro_rules! handle {
     ($(#[$doc:meta])* $name:ident) => {
         $(#[$doc])*
@@ -462,7 +474,8 @@ macro_rules! handle {
         }
 
         impl<T> $name<T> {
-            /// The handle with the given place in the declaration; [`task!`](crate::task!) makes these.
+            /// The handle with the given place in the declaration; [`task!`](crate::task!) makes
+            /// these.
             #[doc(hidden)]
             pub const fn at(index: u8) -> Self {
                 Self { index, of: PhantomData }
@@ -492,7 +505,8 @@ handle! {
     Out
 }
 handle! {
-    /// A data port whose value the task changes and publishes again. The task is executed only while there is a value.
+    /// A data port whose value the task changes and publishes again. The task is executed only
+    /// while there is a value.
     InOut
 }
 handle! {
@@ -613,7 +627,8 @@ pub const fn same_text(a: &str, b: &str) -> bool {
     true
 }
 
-/// Whether Rust's way to write a literal is the language's too, at compile time: no `_`, no suffix, no exponent.
+/// Whether Rust's way to write a literal is the language's too, at compile time: no `_`, no suffix,
+/// no exponent.
 #[doc(hidden)]
 pub const fn is_esm_literal(text: &str) -> bool {
     if same_text(text, "true") || same_text(text, "false") {
@@ -654,7 +669,8 @@ pub const fn signature_hash(text: &str) -> u64 {
     esm_core::signature::fnv1a(text.as_bytes())
 }
 
-/// Declares the ports, flags and parameters of a task type; see [the module](mod@crate::task) for an example.
+/// Declares the ports, flags and parameters of a task type; see [the module](mod@crate::task) for
+/// an example.
 ///
 /// ```text
 /// task! {
@@ -674,15 +690,18 @@ pub const fn signature_hash(text: &str) -> u64 {
 ///
 /// A port that is `within` a time, in `us`, `ms` or `s`, has no value where the last one is older.
 ///
-/// A flag has no age. So a task on whose flags the robot's safety rests says `monitor;`: in each execution it sets or clears a flag,
-/// writes an output, or calls [`Io::beat`]. Where it does nothing of that [`SILENT_EXECUTIONS`](crate::ports::SILENT_EXECUTIONS) times
-/// in a row, it is taken for broken, and the robot goes to its safe state. A mission does not see this in the task's declaration.
+/// A flag has no age. So a task on whose flags the robot's safety rests says `monitor;`: in each
+/// execution it sets or clears a flag, writes an output, or calls [`Io::beat`]. Where it does
+/// nothing of that [`SILENT_EXECUTIONS`](crate::ports::SILENT_EXECUTIONS) times in a row, it is
+/// taken for broken, and the robot goes to its safe state. A mission does not see this in the
+/// task's declaration.
 ///
-/// What the comments with three slashes say is for those who write missions: `esm tasks` prints it. A firmware that is built without
-/// the feature `docs` has no room for it.
+/// What the comments with three slashes say is for those who write missions: `esm tasks` prints it.
+/// A firmware that is built without the feature `docs` has no room for it.
 ///
-/// Sections that have nothing in them are left out. Each name becomes an associated constant in upper case (`NAME::SPEED`) of
-/// the handle type that [`Io`] asks for. The name of a port's type is its [`PortType::NAME`].
+/// Sections that have nothing in them are left out. Each name becomes an associated constant in
+/// upper case (`NAME::SPEED`) of the handle type that [`Io`] asks for. The name of a port's type is
+/// its [`PortType::NAME`].
 #[macro_export]
 macro_rules! task {
     (

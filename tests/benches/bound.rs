@@ -1,6 +1,8 @@
-//! Calibrates what constructs of a macro step cost and holds the bounds against what is measured: what `cargo xtask bench bound` starts.
+//! Calibrates what constructs of a macro step cost and holds the bounds against what is measured:
+//! what `cargo xtask bench bound` starts.
 //!
-//! Its argument is the firmware, `boards/lm3s6965/src/bin/bench_bound.rs`; with `--write` the costs that it finds are kept in [`COSTS`]. What it prints last are the tables of the book.
+//! Its argument is the firmware, `boards/lm3s6965/src/bin/bench_bound.rs`; with `--write` the costs
+//! that it finds are kept in [`COSTS`]. What it prints last are the tables of the book.
 
 use std::error::Error;
 use std::fs;
@@ -123,7 +125,8 @@ fn random_machines(seeds: std::ops::Range<u64>) -> Result<Vec<Measured>, Box<dyn
     Ok(machines)
 }
 
-/// Finds costs, and holds them and the bounds against measurements. False if something takes longer than it should.
+/// Finds costs, and holds them and the bounds against measurements. False if something takes longer
+/// than it should.
 fn bench(firmware: &Path, writes: bool) -> Result<bool, Box<dyn Error>> {
     let mut missions = Vec::new();
     for example in calibration::examples() {
@@ -197,7 +200,8 @@ fn held(
     Ok(holds)
 }
 
-/// The most that the bound of a shipped mission may be, as a multiple of the longest macro step that is found.
+/// The most that the bound of a shipped mission may be, as a multiple of the longest macro step
+/// that is found.
 const MOST: u64 = 2;
 
 /// The table of the shipped missions.

@@ -1,6 +1,8 @@
-//! `cargo xtask bench day`: the default robot on patrol for a day of virtual time, every occurrence of every slot compared with what its period says.
+//! `cargo xtask bench day`: the default robot on patrol for a day of virtual time, every occurrence
+//! of every slot compared with what its period says.
 //!
-//! One argument: how many minutes it is to be, 1,440 unless told otherwise. Ends with status 1 if something was wrong.
+//! One argument: how many minutes it is to be, 1,440 unless told otherwise. Ends with status 1 if
+//! something was wrong.
 
 use std::process::ExitCode;
 use std::time::Instant;

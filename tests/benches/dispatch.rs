@@ -1,6 +1,8 @@
-//! Runs the dispatch benchmark's firmware in the emulator and prints what it measures: what `cargo xtask bench dispatch` starts.
+//! Runs the dispatch benchmark's firmware in the emulator and prints what it measures: what
+//! `cargo xtask bench dispatch` starts.
 //!
-//! Its argument is the firmware, `boards/lm3s6965/src/bin/bench_dispatch.rs`. What it prints last is a table in Markdown.
+//! Its argument is the firmware, `boards/lm3s6965/src/bin/bench_dispatch.rs`. What it prints last
+//! is a table in Markdown.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -18,13 +20,15 @@ use host_tools::compile::{self, NameTable};
 use host_tools::lang;
 use host_tools::link_client::{StreamEvent, Streams};
 
-/// Slots of the missions that are measured, the interpreter's included; the firmware has room for the most of them.
+/// Slots of the missions that are measured, the interpreter's included; the firmware has room for
+/// the most of them.
 const SLOTS: [usize; 3] = [8, 16, 64];
 /// The CD player, whose macro steps are measured.
 const PLAYER: &str = "tests/data/cd51.esm";
 /// The one that the limits hold for.
 const MAIN_SLOTS: usize = 16;
-/// Time for the interpreter: an instruction takes long here, and a machine with 200 tasks many of them.
+/// Time for the interpreter: an instruction takes long here, and a machine with 200 tasks many of
+/// them.
 const INTERPRETER_US: usize = 30_000;
 /// From one slot to the next, in microseconds.
 const DISTANCE_US: usize = 4_000;
@@ -32,7 +36,8 @@ const DISTANCE_US: usize = 4_000;
 const TASKS: usize = 63;
 /// Slots from one with an enabled task to the next, as the firmware has it.
 const DISTANCE_OF_TASKS: usize = 3;
-/// Types of the enabled tasks, in the order in which slots have them, with their inputs and outputs; as the firmware has them.
+/// Types of the enabled tasks, in the order in which slots have them, with their inputs and
+/// outputs; as the firmware has them.
 const KINDS: [(&str, &[&str], &[&str]); 3] = [
     ("Probe", &[], &[]),
     ("Two", &["from"], &["to"]),
@@ -244,7 +249,8 @@ fn checked_missions() -> Result<Vec<Checked>, Box<dyn Error>> {
     ])
 }
 
-/// Uploads a mission to the firmware and keeps the link busy until the firmware has told what it measured.
+/// Uploads a mission to the firmware and keeps the link busy until the firmware has told what it
+/// measured.
 fn run(firmware: &Path, slots: usize, background: Background) -> Result<Measured, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     if slots == MAIN_SLOTS && background == Background::Spin {
@@ -268,7 +274,8 @@ fn run(firmware: &Path, slots: usize, background: Background) -> Result<Measured
             )
             .into());
         }
-        // While the firmware measures whole handlers, the link sleeps, and nothing of this is answered. At the end the line goes away.
+        // While the firmware measures whole handlers, the link sleeps, and nothing of this is
+        // answered. At the end the line goes away.
         subscribed = subscribed
             || client
                 .subscribe(Streams {

@@ -1,7 +1,8 @@
-//! `cargo xtask bench idle`: how much of the time that slots leave reaches a task in slot 0 that never sleeps.
+//! `cargo xtask bench idle`: how much of the time that slots leave reaches a task in slot 0 that
+//! never sleeps.
 //!
-//! Its argument is the firmware, `boards/lm3s6965/src/bin/bench_idle.rs`, which measures and tells in its log; it drives through the office in the
-//! emulator, with `tests/data/idle.esm`.
+//! Its argument is the firmware, `boards/lm3s6965/src/bin/bench_idle.rs`, which measures and tells
+//! in its log; it drives through the office in the emulator, with `tests/data/idle.esm`.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -93,7 +94,8 @@ fn table(measured: &Measured) -> Result<String, String> {
         .map(|slot| f64::from(slot.duration_us) / f64::from(slot.period_us))
         .sum();
     let Measured { quiet, loud } = measured;
-    // While the link works, its turns follow those of the slots: what slots take themselves is known from when it slept.
+    // While the link works, its turns follow those of the slots: what slots take themselves is
+    // known from when it slept.
     let slots = quiet.slots / quiet.total();
     let row = |link: &str, times: &Times| {
         let own = times.own / times.total();

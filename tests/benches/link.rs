@@ -1,7 +1,8 @@
-//! `cargo xtask bench link`: uploads of 4,096 bytes to the default robot while it is on patrol in the emulator, over its UART at the rate of a real line, good
-//! and bad.
+//! `cargo xtask bench link`: uploads of 4,096 bytes to the default robot while it is on patrol in
+//! the emulator, over its UART at the rate of a real line, good and bad.
 //!
-//! Its argument is the firmware. Ends with status 1 if the good line brings less than is promised, a slot is missed, or something runs that was not sent.
+//! Its argument is the firmware. Ends with status 1 if the good line brings less than is promised,
+//! a slot is missed, or something runs that was not sent.
 
 use std::cmp::Ordering;
 use std::io;
@@ -261,7 +262,8 @@ impl ByteLink for Lent {
 }
 
 impl Row {
-    /// Takes what the robot counted since. To be called before a new mission begins to count its delays anew, and after.
+    /// Takes what the robot counted since. To be called before a new mission begins to count its
+    /// delays anew, and after.
     fn note(&mut self, before: &Status, now: &Status) {
         self.missed += now.missed - before.missed;
         self.overruns += now.overruns - before.overruns;

@@ -1,7 +1,9 @@
-//! `cargo xtask bench`: what a transition costs, of compiled state machines and of the interpreter, measured in the same run.
+//! `cargo xtask bench`: what a transition costs, of compiled state machines and of the interpreter,
+//! measured in the same run.
 //!
-//! The programs that are measured are in `benches/`; who builds them tells their paths as `KEY=VALUE`. The missions are made here. Everything is
-//! measured before anything is printed, and nothing is printed if a machine did not do what the chart says.
+//! The programs that are measured are in `benches/`; who builds them tells their paths as
+//! `KEY=VALUE`. The missions are made here. Everything is measured before anything is printed, and
+//! nothing is printed if a machine did not do what the chart says.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -36,10 +38,12 @@ const FAST: &str = "M4 -O2";
 const SMALL: &str = "M4 -Os";
 const HOST: &str = "host";
 
-/// Actions of one pass through the script, as the chart has them: start, open, close, store, stop, pause, resume, stop and open, stopped again, next, previous.
+/// Actions of one pass through the script, as the chart has them: start, open, close, store, stop,
+/// pause, resume, stop and open, stopped again, next, previous.
 const ACTIONS: [u32; 11] = [1, 2, 2, 1, 1, 2, 1, 0, 1, 20, 20];
 
-/// Transitions of one pass of ours, from and to. A song starts when its disc does, with the next pulse.
+/// Transitions of one pass of ours, from and to. A song starts when its disc does, with the next
+/// pulse.
 const TRANSITIONS: [(&str, &str, u32); 16] = [
     ("Empty", "Open", 1),
     ("Empty", "Stopped", 1),
@@ -352,7 +356,8 @@ fn bench(options: &Options) -> Result<usize, String> {
     Ok(broken)
 }
 
-/// Bytes of a transition, guards and actions included: of the player first, then of the missions that are shipped.
+/// Bytes of a transition, guards and actions included: of the player first, then of the missions
+/// that are shipped.
 fn transitions() -> Result<Vec<(String, f64)>, String> {
     let shipped = charts::SHIPPED.map(|name| (format!("`{name}.esm`"), charts::shipped(name)));
     let player = ("the CD player".to_owned(), root().join(charts::PLAYER));
@@ -365,7 +370,8 @@ fn transitions() -> Result<Vec<(String, f64)>, String> {
         .collect()
 }
 
-/// Bytes of RAM that a region takes, flags aside: what the machines of many and of few have between them.
+/// Bytes of RAM that a region takes, flags aside: what the machines of many and of few have between
+/// them.
 fn region_bytes() -> Result<f64, String> {
     let [fewer, .., more] = charts::REGIONS;
     let of = |regions: usize| {

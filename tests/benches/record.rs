@@ -1,6 +1,8 @@
-//! `cargo xtask bench record`: bytes that a recording takes for a transition, of all shipped missions.
+//! `cargo xtask bench record`: bytes that a recording takes for a transition, of all shipped
+//! missions.
 //!
-//! One argument: how many seconds of robot time each is recorded, 120 unless told otherwise. Ends with status 1 if it is more than promised, on average.
+//! One argument: how many seconds of robot time each is recorded, 120 unless told otherwise. Ends
+//! with status 1 if it is more than promised, on average.
 
 use std::process::ExitCode;
 

@@ -1,6 +1,8 @@
-//! `cargo xtask bench walk`: what it takes to walk through a recording, forwards, backwards and from one end to the other.
+//! `cargo xtask bench walk`: what it takes to walk through a recording, forwards, backwards and
+//! from one end to the other.
 //!
-//! One argument: how many minutes of patrol are recorded, 60 unless told otherwise. Ends with status 1 if a step back took longer than a person feels.
+//! One argument: how many minutes of patrol are recorded, 60 unless told otherwise. Ends with
+//! status 1 if a step back took longer than a person feels.
 
 use std::process::ExitCode;
 use std::time::{Duration, Instant};

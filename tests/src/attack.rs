@@ -409,7 +409,8 @@ impl Line<'_, '_> {
         framed(&message)
     }
 
-    /// What a robot might say to what was sent last: under its number, of its kind, and mostly of its form.
+    /// What a robot might say to what was sent last: under its number, of its kind, and mostly of
+    /// its form.
     fn invented(&mut self) -> Vec<u8> {
         let (seq, of) = self.asked;
         let status = self.said.last().map(|(_, status)| *status);
@@ -709,7 +710,8 @@ fn episode(
 fn judge(line: &Line<'_, '_>, deed: &Deed, outcome: &mut Outcome) {
     let is_done = match deed {
         Deed::Set(value, Some(before)) => {
-            // A start in between gives it the mission's own value again, so that the robot's words count.
+            // A start in between gives it the mission's own value again, so that the robot's words
+            // count.
             if !line.taken.contains(&(*value, *before)) {
                 outcome.wrong.push(format!(
                     "the owner believes that {value} was set after {before}"
@@ -744,7 +746,8 @@ fn judge(line: &Line<'_, '_>, deed: &Deed, outcome: &mut Outcome) {
     outcome.done += u64::from(is_done);
 }
 
-/// With nobody in the line the owner can do everything: the first time, give the robot the key, too.
+/// With nobody in the line the owner can do everything: the first time, give the robot the key,
+/// too.
 fn owner_commands(line: &mut Line<'_, '_>, blob: &[u8], is_first: bool) -> Result<(), String> {
     let told = |error: ClientError| format!("the owner is locked out: {error}");
     let (mut robot, info) = LinkClient::connect(OwnersEnd(line)).map_err(told)?;

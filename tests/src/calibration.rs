@@ -1,4 +1,5 @@
-//! Missions made for one construct each, in several sizes, and the costs of constructs that follow from what they take.
+//! Missions made for one construct each, in several sizes, and the costs of constructs that follow
+//! from what they take.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -344,13 +345,17 @@ pub struct Sample {
     pub instructions: u64,
 }
 
-/// What is added to what was measured, in percent: for ways through the interpreter that no sample went.
+/// What is added to what was measured, in percent: for ways through the interpreter that no sample
+/// went.
 pub const MARGIN_PERCENT: u64 = 5;
 
-/// Finds the cost of each construct, so that no sample takes more than its constructs cost, and all of them together cost as little more than they take as can be.
+/// Finds the cost of each construct, so that no sample takes more than its constructs cost, and all
+/// of them together cost as little more than they take as can be.
 ///
-/// That is a linear program with as many unknowns as constructs and as many conditions as samples, each of which counts by how much more it costs than it takes, relatively. It is solved by its
-/// dual, which begins with a solution, and in whose last row the answer stands at the end. At last [`MARGIN_PERCENT`] are added, and all is rounded up.
+/// That is a linear program with as many unknowns as constructs and as many conditions as samples,
+/// each of which counts by how much more it costs than it takes, relatively. It is solved by its
+/// dual, which begins with a solution, and in whose last row the answer stands at the end. At last
+/// [`MARGIN_PERCENT`] are added, and all is rounded up.
 pub fn fit(samples: &[Sample]) -> Costs {
     const EPSILON: f64 = 1e-9;
     let samples = without_repetitions(samples);

@@ -1,6 +1,7 @@
 //! The project from outside: the command `esm` as a process of its own, and robots that it starts.
 //!
-//! Nothing here is skipped where something is missing: a test that cannot find its firmware or emulator fails, and says what to do.
+//! Nothing here is skipped where something is missing: a test that cannot find its firmware or
+//! emulator fails, and says what to do.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Write};
@@ -17,7 +18,8 @@ use tempfile::TempDir;
 
 use crate::subject;
 
-/// How long a command may take before it counts as hung. The longest drives the emulated board for 120 s of robot time.
+/// How long a command may take before it counts as hung. The longest drives the emulated board for
+/// 120 s of robot time.
 const PATIENCE: Duration = Duration::from_secs(600);
 
 /// How long something may take that is a matter of a second or two, before it counts as hung.
@@ -154,7 +156,8 @@ pub fn esm<S: AsRef<str>>(arguments: &[S]) -> Done {
     run(command)
 }
 
-/// [`esm`] with at most so much memory: a command that wants more fails. Comes with its processor time, as [`esm_timed`].
+/// [`esm`] with at most so much memory: a command that wants more fails. Comes with its processor
+/// time, as [`esm_timed`].
 ///
 /// # Panics
 /// If it cannot be started or does not end.
@@ -164,7 +167,8 @@ pub fn esm_within<S: AsRef<str>>(memory_mb: usize, arguments: &[S]) -> (Done, Du
     esm_in_shell(&format!("ulimit -v {}; ", memory_mb * 1_024), arguments)
 }
 
-/// [`esm`], with the processor time that it and what it started took: other programs do not lengthen that, nor does a machine that stands still for a while.
+/// [`esm`], with the processor time that it and what it started took: other programs do not
+/// lengthen that, nor does a machine that stands still for a while.
 ///
 /// # Panics
 /// If it cannot be started or does not end.
@@ -186,7 +190,8 @@ fn esm_in_shell<S: AsRef<str>>(before: &str, arguments: &[S]) -> (Done, Duration
         .current_dir(root());
     let done = run(command);
     let times = std::fs::read_to_string(times.path()).unwrap_or_default();
-    // The shell's own time stands in the first line, that of its children in the second: for programs, and for the system.
+    // The shell's own time stands in the first line, that of its children in the second: for
+    // programs, and for the system.
     let of_children = times.lines().nth(1).unwrap_or_default();
     let took = of_children.split_whitespace().filter_map(|time| {
         let (minutes, seconds) = time.strip_suffix('s')?.split_once('m')?;
@@ -343,7 +348,8 @@ pub fn esm_until<S: AsRef<str>>(word: &str, arguments: &[S]) -> Done {
     said.interrupted()
 }
 
-/// Held while a process is started: until it is the other program, it has a copy of all that is open here, and a port that is open somewhere cannot be opened again.
+/// Held while a process is started: until it is the other program, it has a copy of all that is
+/// open here, and a port that is open somewhere cannot be opened again.
 static STARTING: Mutex<()> = Mutex::new(());
 
 /// Lets nobody start a process, or [`open`] a port, for as long as the answer lives.
@@ -400,10 +406,12 @@ pub fn signal(process: u32, name: &str) {
     let _ = kill.and_then(|mut kill| kill.wait());
 }
 
-/// Two boards in real time are as many as two cores can emulate with time to spare; one leaves room for what the test itself does.
+/// Two boards in real time are as many as two cores can emulate with time to spare; one leaves room
+/// for what the test itself does.
 static ONE_EMULATOR: Mutex<()> = Mutex::new(());
 
-/// A robot that `esm board` has started. Dropping it ends it. One of them at a time is on the emulated board.
+/// A robot that `esm board` has started. Dropping it ends it. One of them at a time is on the
+/// emulated board.
 pub struct Robot {
     child: Child,
     /// Where `esm board --estop` reads.
@@ -415,7 +423,8 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// Starts a robot on a board (`host` or `lm3s6965`), with the given firmware or the board's own, in the office.
+    /// Starts a robot on a board (`host` or `lm3s6965`), with the given firmware or the board's
+    /// own, in the office.
     ///
     /// # Panics
     /// If it does not say its port.
@@ -488,7 +497,8 @@ impl Robot {
         client
     }
 
-    /// Gives it a mission without a trial, which `esm upload` does not do: it stays, however long this machine takes over anything, and however soon it fails.
+    /// Gives it a mission without a trial, which `esm upload` does not do: it stays, however long
+    /// this machine takes over anything, and however soon it fails.
     ///
     /// # Panics
     /// If the mission is none, or the robot does not take it.

@@ -1,8 +1,10 @@
-//! A robot that drives for a day, on a clock that runs as fast as this machine can: is every occurrence of every slot where its period says, to the
-//! microsecond, after hours and beyond the wraps of 32-bit counters?
+//! A robot that drives for a day, on a clock that runs as fast as this machine can: is every
+//! occurrence of every slot where its period says, to the microsecond, after hours and beyond the
+//! wraps of 32-bit counters?
 //!
-//! Runtime, dispatcher, interpreter, tasks and link are those of the firmware, the body is the plant's, and the clock has the ticks of the default
-//! board. Only what a chip gives is made up: time passes by chance whenever somebody looks at the clock, and interrupts come late by chance.
+//! Runtime, dispatcher, interpreter, tasks and link are those of the firmware, the body is the
+//! plant's, and the clock has the ticks of the default board. Only what a chip gives is made up:
+//! time passes by chance whenever somebody looks at the clock, and interrupts come late by chance.
 
 use std::path::Path;
 
@@ -25,13 +27,15 @@ use rt_firmware::{
 use crate::random::Random;
 use crate::subject;
 
-/// Ticks of the clock in a microsecond, as on the default board: 32 bits of them last for 86 seconds.
+/// Ticks of the clock in a microsecond, as on the default board: 32 bits of them last for 86
+/// seconds.
 const TICKS_PER_US: u32 = 50;
 /// The most that an interrupt of the timer is late, in ticks.
 const MOST_LATENCY_TICKS: usize = 5 * TICKS_PER_US as usize;
 /// The most that passes from one look at the clock to the next, in ticks.
 const MOST_WORK_TICKS: usize = 40;
-/// The most that an occurrence may begin after its nominal start: the latency, and the looks at the clock before it.
+/// The most that an occurrence may begin after its nominal start: the latency, and the looks at the
+/// clock before it.
 const MOST_DELAY_US: u64 = 10;
 /// Rounds within which a request is answered.
 const MOST_ROUNDS: usize = 1_000;
@@ -62,7 +66,8 @@ pub struct Run {
     pub slots: Vec<SlotRun>,
     /// What the robot says of itself at the end.
     pub status: Status,
-    /// The first occurrence whose nominal start was not where its period says, or that began too late, in words.
+    /// The first occurrence whose nominal start was not where its period says, or that began too
+    /// late, in words.
     pub first_wrong: Option<String>,
     /// The way that the robot drove through its world, in metres.
     pub distance_m: f64,
@@ -167,7 +172,8 @@ impl Body<'_> {
 }
 
 impl MadeUp<'_, '_> {
-    /// Compares an occurrence with what is to be. None is lost or doubled if each slot's starts go on by its period.
+    /// Compares an occurrence with what is to be. None is lost or doubled if each slot's starts go
+    /// on by its period.
     fn compare(&mut self, occurrence: &OccurrenceStart) {
         let origin_ticks = *self.origin_ticks.get_or_insert(self.due_ticks);
         let (Some(slot), Some((count, last_us))) = (
@@ -298,7 +304,8 @@ impl Robot<'_, '_, '_, '_> {
                     return take(response).ok_or_else(|| format!("{request:?}: {response:?}"));
                 }
             }
-            // The run's time begins with the mission's first occurrence, at which a commit is answered.
+            // The run's time begins with the mission's first occurrence, at which a commit is
+            // answered.
             if self.board.origin_ticks.is_none() {
                 self.wait();
             }
@@ -322,7 +329,8 @@ impl Robot<'_, '_, '_, '_> {
 /// Lets the default robot run a mission for a time.
 ///
 /// # Errors
-/// Says what stood in the way, for a person. What the run shows is not judged here: see [`Run::problems`].
+/// Says what stood in the way, for a person. What the run shows is not judged here: see
+/// [`Run::problems`].
 pub fn drive(mission: &Path, body: Body<'_>, duration_us: u64) -> Result<Run, String> {
     let built = subject::build_file(mission)?;
     let pins = PinImage::new();

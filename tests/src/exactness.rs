@@ -1,4 +1,5 @@
-//! Whether start times stay exact: a dispatcher that runs for days of a robot's time, against a multiplication.
+//! Whether start times stay exact: a dispatcher that runs for days of a robot's time, against a
+//! multiplication.
 
 use esm_core::Dispatcher;
 use esm_core::dispatcher::Occurrence;
@@ -18,7 +19,8 @@ const SLOTS: usize = 16;
 pub struct Exactness {
     /// Occurrences that were taken.
     pub occurrences: u64,
-    /// Those that were not what the slot, its period and their number say, or out of order, or missed.
+    /// Those that were not what the slot, its period and their number say, or out of order, or
+    /// missed.
     pub wrong: u64,
     /// Nominal start of the last one, in seconds of the robot's time.
     pub robot_s: u64,
@@ -28,7 +30,8 @@ pub struct Exactness {
     pub tick_wraps: u64,
 }
 
-/// Takes so many occurrences of 16 slots: 15 of a second, and one of the longest period that there is.
+/// Takes so many occurrences of 16 slots: 15 of a second, and one of the longest period that there
+/// is.
 ///
 /// # Panics
 /// If the dispatcher refuses the slots.

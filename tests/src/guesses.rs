@@ -1,4 +1,5 @@
-//! What people write who know other tools: each guess beside what is right, and a part of what they are told.
+//! What people write who know other tools: each guess beside what is right, and a part of what they
+//! are told.
 
 /// A mission without a mistake. Guesses replace parts of it.
 pub const MISSION: &str = "interpreter slot 1;

@@ -1,4 +1,5 @@
-//! Huge and hostile inputs, by name: what a generator writes, what a slip of a program leaves behind, what somebody sends who means harm.
+//! Huge and hostile inputs, by name: what a generator writes, what a slip of a program leaves
+//! behind, what somebody sends who means harm.
 //!
 //! Each grows with one number, so that its time can be held against its size.
 

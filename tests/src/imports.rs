@@ -1,7 +1,8 @@
-//! Which files of a package import which: read from `use` lines and from paths in the code, without the compiler.
+//! Which files of a package import which: read from `use` lines and from paths in the code, without
+//! the compiler.
 //!
-//! What stands under `#[cfg(test)]` is left out, comments and texts too. A name that a module only hands on counts as an import of
-//! the file that defines it.
+//! What stands under `#[cfg(test)]` is left out, comments and texts too. A name that a module only
+//! hands on counts as an import of the file that defines it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -199,7 +200,8 @@ pub fn of_package(sources: &Path) -> Imports {
     Package::read(&read, "lib.rs").imports()
 }
 
-/// The next `mod` of a text: what stands before it, whether it is for tests, its name, and what follows the name from `;` or `{` on.
+/// The next `mod` of a text: what stands before it, whether it is for tests, its name, and what
+/// follows the name from `;` or `{` on.
 fn next_module(code: &str) -> Option<(&str, bool, &str, &str)> {
     let mut from = 0;
     while let Some(at) = code.get(from..)?.find("mod ").map(|at| from + at) {
@@ -360,8 +362,8 @@ fn expand(tree: &str, prefix: &[String], uses: &mut Vec<(String, Vec<String>)>) 
     }
 }
 
-/// The paths in a text that lead from the root, the parent or the module itself. One that begins with a child's name goes down, and
-/// is how a parent calls what is inside of it.
+/// The paths in a text that lead from the root, the parent or the module itself. One that begins
+/// with a child's name goes down, and is how a parent calls what is inside of it.
 fn paths(code: &str) -> Vec<Vec<String>> {
     let starts = ["crate::", "super::", "self::"];
     let is_part = |it: char| it.is_alphanumeric() || it == '_' || it == ':';

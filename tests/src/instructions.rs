@@ -1,6 +1,7 @@
 //! Instructions of macro steps, counted on the emulated board.
 //!
-//! The firmware is `boards/lm3s6965/src/bin/bench_bound.rs`; there stands also how a plan is written.
+//! The firmware is `boards/lm3s6965/src/bin/bench_bound.rs`; there stands also how a plan is
+//! written.
 
 use std::error::Error;
 use std::fs;

@@ -1,7 +1,9 @@
-//! A robot that lies, or whoever answers in its place, in a time of its own: it knows what an honest robot answers, and changes that.
+//! A robot that lies, or whoever answers in its place, in a time of its own: it knows what an
+//! honest robot answers, and changes that.
 //!
-//! All of a session follows from its seed. What it does is *structure-aware*: frames, checksums and numbers of requests are right where nothing is to be learnt from wrong ones, so
-//! that what the robot says reaches what believes it.
+//! All of a session follows from its seed. What it does is *structure-aware*: frames, checksums and
+//! numbers of requests are right where nothing is to be learnt from wrong ones, so that what the
+//! robot says reaches what believes it.
 
 use std::collections::VecDeque;
 use std::io;
@@ -657,7 +659,8 @@ impl Liar {
         }
     }
 
-    /// What an honest robot answers that runs this mission, has a key mostly, and whose words are hostile now and then.
+    /// What an honest robot answers that runs this mission, has a key mostly, and whose words are
+    /// hostile now and then.
     fn true_to_its_lie(&mut self, seq: u8, request: &Request<'_>) -> Vec<u8> {
         let honest = Arc::clone(&self.honest);
         let blob = &honest.blobs[self.blob];

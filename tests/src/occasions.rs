@@ -1,6 +1,8 @@
-//! How often what is easy to get wrong happened in runs, so that agreement is never agreement about nothing.
+//! How often what is easy to get wrong happened in runs, so that agreement is never agreement about
+//! nothing.
 //!
-//! An interpreter need not look at what cannot have changed. Most of what is counted here is a way in which something has changed, and a transition was taken for it.
+//! An interpreter need not look at what cannot have changed. Most of what is counted here is a way
+//! in which something has changed, and a transition was taken for it.
 
 use std::collections::HashMap;
 
@@ -10,7 +12,8 @@ use host_tools::model::{
 
 use crate::reference::Taken;
 
-/// Flags of one state that an interpreter may look at together, and region instances or events that one word holds.
+/// Flags of one state that an interpreter may look at together, and region instances or events that
+/// one word holds.
 const WINDOW_FLAGS: usize = 15;
 const WORD_BITS: usize = 32;
 
@@ -160,7 +163,8 @@ impl Occasions {
         self.deep += usize::from(taken.depth > DEEP);
     }
 
-    /// Transitions on the pulse of one source that ask for one flag each, in the order of the flags: they can be looked at together.
+    /// Transitions on the pulse of one source that ask for one flag each, in the order of the
+    /// flags: they can be looked at together.
     fn add_row(&mut self, taken: &Taken<'_>) {
         let Source::State(source) = taken.transition.source else {
             return;
@@ -281,7 +285,8 @@ impl Occasions {
     }
 }
 
-/// The flags that a guard reads, each with the value that it is wanted with, and whether the guard is their conjunction.
+/// The flags that a guard reads, each with the value that it is wanted with, and whether the guard
+/// is their conjunction.
 fn literals<'g>(guard: &'g Guard, value: bool, into: &mut Vec<(&'g Guard, bool)>) -> bool {
     match guard {
         Guard::Not(inner) => literals(inner, !value, into),
@@ -297,7 +302,8 @@ fn literals<'g>(guard: &'g Guard, value: bool, into: &mut Vec<(&'g Guard, bool)>
     }
 }
 
-/// The place of a flag among those of its own state; none for those of the superstate around, and for busy of a superstate.
+/// The place of a flag among those of its own state; none for those of the superstate around, and
+/// for busy of a superstate.
 fn place(flag: &Guard, state: &State) -> Option<usize> {
     match (flag, &state.kind) {
         (Guard::Timeout, StateKind::Simple) => Some(0),
@@ -311,7 +317,8 @@ fn place(flag: &Guard, state: &State) -> Option<usize> {
     }
 }
 
-/// Added to the place of a flag that is wanted reset. Places up to it are all taken: what is always wanted stands behind the last of them.
+/// Added to the place of a flag that is wanted reset. Places up to it are all taken: what is always
+/// wanted stands behind the last of them.
 const IF_CLEAR: usize = WINDOW_FLAGS + 1;
 
 /// The bit that a guard asks for, if it asks for one alone.

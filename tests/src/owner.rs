@@ -1,4 +1,5 @@
-//! The owner's end of a session with a robot, without a line: requests are proven, and answers looked at.
+//! The owner's end of a session with a robot, without a line: requests are proven, and answers
+//! looked at.
 
 use esm_link::access::{KEY_BYTES, NONCE_BYTES, SALT_BYTES, SIGNATURE_BYTES, install};
 use esm_link::message::{Identity, PROVEN_HEAD_BYTES, Request};

@@ -2,8 +2,8 @@
 
 /// SplitMix64 (Steele, Lea, Flood 2014): one word of state, good enough to choose test cases with.
 ///
-/// One that was [made of bytes](Random::of_bytes) lets those decide first, so that a fuzzer, which changes bytes and watches what comes of it, can
-/// steer what is made.
+/// One that was [made of bytes](Random::of_bytes) lets those decide first, so that a fuzzer, which
+/// changes bytes and watches what comes of it, can steer what is made.
 #[derive(Clone, Debug)]
 pub struct Random {
     state: u64,
@@ -19,8 +19,9 @@ impl Random {
         }
     }
 
-    /// A source whose decisions are those of `bytes`, one after another: a byte for a number below 257, two for a greater one, eight for 64 bits.
-    /// When they have run out, it goes on as that of seed 0.
+    /// A source whose decisions are those of `bytes`, one after another: a byte for a number below
+    /// 257, two for a greater one, eight for 64 bits. When they have run out, it goes on as that of
+    /// seed 0.
     pub fn of_bytes(bytes: &[u8]) -> Self {
         Random {
             state: 0,

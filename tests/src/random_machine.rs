@@ -1,10 +1,12 @@
 //! Random machines as `.esm` text, and random scenarios for them.
 //!
-//! A machine is free of errors by construction: every name it uses is defined, every flag is used in its direction, containers are
-//! used downwards only. Within that it uses the whole language, and is biased towards what is easy to get wrong: containers used many
-//! times, events that travel up and down through several of them, queues of one or two places, transitions that send in a circle,
-//! several regions that write one flag, timeouts that fall on a macro step exactly. Some machines have many of a thing, so that no word of bits is enough
-//! for it: flags of a state, events, regions.
+//! A machine is free of errors by construction: every name it uses is defined, every flag is used
+//! in its direction, containers are used downwards only. Within that it uses the whole language,
+//! and is biased towards what is easy to get wrong: containers used many times, events that travel
+//! up and down through several of them, queues of one or two places, transitions that send in a
+//! circle, several regions that write one flag, timeouts that fall on a macro step exactly. Some
+//! machines have many of a thing, so that no word of bits is enough for it: flags of a state,
+//! events, regions.
 
 use std::fmt::Write as _;
 
@@ -55,14 +57,17 @@ pub const SMALL: Size = Size {
     steps: 20,
 };
 
-/// Control flags, events and so on draw their names from small pools, so that one name means different things in different places.
+/// Control flags, events and so on draw their names from small pools, so that one name means
+/// different things in different places.
 const FLAG_NAMES: [&str; 5] = ["near", "far", "ready", "us", "f32"];
 const EVENT_NAMES: [&str; 6] = ["Go", "Back", "Up", "Down", "ms", "Hz"];
 
-/// Flags of a task or container that has many, besides those with a name. One task has no more than 16.
+/// Flags of a task or container that has many, besides those with a name. One task has no more
+/// than 16.
 const MORE_FLAGS: usize = 11;
 
-/// Events of a machine that has many. A few are used more than the others: these, and those whose numbers differ from theirs by a multiple of 32.
+/// Events of a machine that has many. A few are used more than the others: these, and those whose
+/// numbers differ from theirs by a multiple of 32.
 const MANY_EVENTS: usize = 80;
 const HOT_EVENTS: [usize; 2] = [3, 32];
 const EVENTS_A_WORD: usize = 32;
@@ -103,7 +108,8 @@ struct Offer {
     is_task: bool,
 }
 
-/// The text of the machine that belongs to `seed`. One declaration a line, so that lines can be taken away one by one.
+/// The text of the machine that belongs to `seed`. One declaration a line, so that lines can be
+/// taken away one by one.
 pub fn machine(seed: u64) -> String {
     machine_of(&mut Random::new(seed), FULL)
 }
@@ -184,7 +190,8 @@ impl Writer<'_> {
     }
 
     fn write_slots(&mut self) {
-        // Periods are multiples of the interpreter's and durations a small part of them, so that a schedule always exists.
+        // Periods are multiples of the interpreter's and durations a small part of them, so that a
+        // schedule always exists.
         let period_us = *self
             .random
             .pick(&[1_000, 5_000, 10_000, 7_777, 300])
@@ -261,7 +268,8 @@ impl Writer<'_> {
         if self.random.chance(20) {
             head.push_str(" wcet 1 us");
         }
-        // More than there ever are. No choice of chance, so that what was found with a seed is found again.
+        // More than there ever are. No choice of chance, so that what was found with a seed is
+        // found again.
         if index % 5 == 4 {
             head.push_str(" count 1000000");
         }
@@ -476,7 +484,8 @@ impl Writer<'_> {
         }
     }
 
-    /// Writes transitions on the pulse that ask for one flag each, in the order of the flags: an interpreter may look at all of them at once. Some stay in their state and send.
+    /// Writes transitions on the pulse that ask for one flag each, in the order of the flags: an
+    /// interpreter may look at all of them at once. Some stay in their state and send.
     fn write_row(
         &mut self,
         source: usize,
@@ -549,7 +558,8 @@ impl Writer<'_> {
         ));
     }
 
-    /// One of the events that a container sees. Of many, mostly one of a few, so that what is sent is received.
+    /// One of the events that a container sees. Of many, mostly one of a few, so that what is sent
+    /// is received.
     fn event<'e>(&mut self, events: &'e [String]) -> Option<&'e String> {
         let hot = if events.len() > EVENT_NAMES.len() && self.random.chance(90) {
             let turns = self.random.below(MANY_EVENTS / EVENTS_A_WORD) * EVENTS_A_WORD;
@@ -562,7 +572,8 @@ impl Writer<'_> {
         hot.or_else(|| self.random.pick(events))
     }
 
-    /// A conjunction of some of the flags of a source that a transition can read. Most are wanted reset, which they mostly are.
+    /// A conjunction of some of the flags of a source that a transition can read. Most are wanted
+    /// reset, which they mostly are.
     fn conjunction(&mut self, source: &Offer) -> Option<String> {
         let mut flags = own_flags(source);
         // The last are those that are most often beyond what can be looked at together.
@@ -710,7 +721,8 @@ fn own_block(offer: &Offer) -> Vec<Option<String>> {
     block
 }
 
-/// A random scenario for a machine: some macro steps, changes at and between them, in no order of time.
+/// A random scenario for a machine: some macro steps, changes at and between them, in no order of
+/// time.
 pub fn scenario(seed: u64, model: &Model) -> Scenario {
     scenario_of(&mut Random::new(seed ^ 0x5ce0_a210), model, FULL)
 }
@@ -722,7 +734,8 @@ pub fn scenario_of(random: &mut Random, model: &Model, size: Size) -> Scenario {
         .map_or(10_000, |slot| u64::from(model.slots[slot].period_us));
     let period_us = match random.below(10) {
         0 => Some(*random.pick(&[1, 10_000, 123_457]).expect("not empty")),
-        // So long that times leave 32 bits, and so do the differences that a timeout is compared with.
+        // So long that times leave 32 bits, and so do the differences that a timeout is compared
+        // with.
         1 => Some(3_000_000_000),
         _ => None,
     };

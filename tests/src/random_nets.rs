@@ -1,7 +1,9 @@
-//! Random missions that are all data paths, as `.esm` text: containers with ports of every kind, used several times side by side and inside each other, and paths that join, pass
-//! through, dangle, or lead nowhere.
+//! Random missions that are all data paths, as `.esm` text: containers with ports of every kind,
+//! used several times side by side and inside each other, and paths that join, pass through,
+//! dangle, or lead nowhere.
 //!
-//! Not all of them are free of errors: whether a net has a writer depends on what is inside of containers. Who wants one without takes the next seed.
+//! Not all of them are free of errors: whether a net has a writer depends on what is inside of
+//! containers. Who wants one without takes the next seed.
 
 use std::fmt::Write as _;
 

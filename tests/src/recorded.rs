@@ -53,7 +53,8 @@ pub const MOST_BYTES_A_TRANSITION: f64 = 4.0;
 /// Robot time for which each is recorded, unless another is told.
 pub const SECONDS: u64 = 120;
 
-/// Each shipped mission in the worlds that it is made for. The last one keeps to the clock on the wall, since it counts the silence of its host.
+/// Each shipped mission in the worlds that it is made for. The last one keeps to the clock on the
+/// wall, since it counts the silence of its host.
 pub const SHIPPED: [(&str, &[&str]); 12] = [
     ("patrol", &["office", "corridor"]),
     ("follow_wall", &["office", "corridor"]),

@@ -1,8 +1,9 @@
 //! The meaning of a machine, by the shortest route from its definition.
 //!
-//! Everything here is a tree that is walked by recursion: an instance of a container has regions, a region has its states, a superstate
-//! has the instance inside it. Nothing is prepared, packed or remembered. That makes it slow, needs memory without bound, and makes it
-//! easy to hold beside the algorithm of Merz, Rudol and Wzorek (2006, Fig. 4):
+//! Everything here is a tree that is walked by recursion: an instance of a container has regions, a
+//! region has its states, a superstate has the instance inside it. Nothing is prepared, packed or
+//! remembered. That makes it slow, needs memory without bound, and makes it easy to hold beside the
+//! algorithm of Merz, Rudol and Wzorek (2006, Fig. 4):
 //!
 //! ```text
 //! macro step at t                                 visit(instance C, event)
@@ -34,7 +35,8 @@ pub struct Outcome {
     pub failed: Vec<usize>,
 }
 
-/// A transition that was taken, with what was so when it was: for tests that count how often what matters happened.
+/// A transition that was taken, with what was so when it was: for tests that count how often what
+/// matters happened.
 #[derive(Clone, Debug)]
 pub struct Taken<'m> {
     /// The transition.
@@ -43,7 +45,8 @@ pub struct Taken<'m> {
     pub container: &'m Container,
     /// The region that it is written in.
     pub region: &'m host_tools::model::Region,
-    /// The region instances of that container's instance, and those inside of it. The first belongs to no other instance.
+    /// The region instances of that container's instance, and those inside of it. The first belongs
+    /// to no other instance.
     pub instance: Range<usize>,
     /// The region instance, numbered depth first.
     pub region_number: usize,
@@ -51,7 +54,8 @@ pub struct Taken<'m> {
     pub depth: usize,
     /// The number of the macro step.
     pub step: u64,
-    /// The region instances inside the superstate that was left, and inside the one that was entered.
+    /// The region instances inside the superstate that was left, and inside the one that was
+    /// entered.
     pub inside: [Range<usize>; 2],
     /// Whether `timeout` of the source read true, and whether `busy` did.
     pub timeout: bool,
@@ -62,7 +66,8 @@ pub struct Taken<'m> {
 /// Runs the machine of `model` under `scenario` from t = 0 to its end, or to the first fault.
 ///
 /// # Panics
-/// Where the model has no machine, or the scenario names what the machine does not have: both are made by the tests themselves.
+/// Where the model has no machine, or the scenario names what the machine does not have: both are
+/// made by the tests themselves.
 pub fn run(model: &Model, scenario: &Scenario) -> Outcome {
     run_noting(model, scenario).0
 }
@@ -121,8 +126,9 @@ pub fn run_noting<'m>(model: &'m Model, scenario: &Scenario) -> (Outcome, Vec<Ta
     (outcome, machine.taken)
 }
 
-/// Runs the machine of `model` for some macro steps. Before each, `choose` is told which states are active and what changes would make a part of some guard
-/// true that is false, and says what changes.
+/// Runs the machine of `model` for some macro steps. Before each, `choose` is told which states are
+/// active and what changes would make a part of some guard true that is false, and says what
+/// changes.
 ///
 /// # Panics
 /// Where the model has no machine, or a change names what it does not have.
@@ -145,7 +151,8 @@ pub fn steer(
     }
 }
 
-/// Paths of all states of the machine in the order of the instance tree, pseudo-states included, each with what it is.
+/// Paths of all states of the machine in the order of the instance tree, pseudo-states included,
+/// each with what it is.
 pub fn states(model: &Model) -> Vec<(String, Option<StateKind>)> {
     let machine = Machine::new(model);
     let mut found = Vec::new();
@@ -311,7 +318,7 @@ impl<'m> Machine<'m> {
         instance
     }
 
-    // ---- The algorithm -------------------------------------------------------------------------------------------------------------
+    // ---- The algorithm --------------------------------------------------------------------------
 
     fn macro_step(&mut self, step: u64, t_us: u64) -> Result<(), Fault> {
         (self.step, self.micro, self.t_us) = (step, 0, t_us);
@@ -488,7 +495,8 @@ impl<'m> Machine<'m> {
         });
     }
 
-    /// Disables the state if it is a real-time task state, and every such state that is active inside it.
+    /// Disables the state if it is a real-time task state, and every such state that is active
+    /// inside it.
     fn disable(&mut self, place: Place) {
         match self.kind(place) {
             StateKind::Simple => {}
@@ -505,7 +513,8 @@ impl<'m> Machine<'m> {
         }
     }
 
-    /// The instances in which `name`, sent in `sender`, is visible: the least set that the rules of forwarding allow.
+    /// The instances in which `name`, sent in `sender`, is visible: the least set that the rules of
+    /// forwarding allow.
     fn visible_in(&self, sender: usize, name: usize) -> BTreeSet<usize> {
         let lists = |instance: usize, forwarded: fn(bool, bool) -> bool| {
             self.container(instance).events.iter().any(|listed| {
@@ -572,7 +581,7 @@ impl<'m> Machine<'m> {
         }
     }
 
-    // ---- From outside --------------------------------------------------------------------------------------------------------------
+    // ---- From outside ---------------------------------------------------------------------------
 
     fn change(&mut self, action: &scenario::Action) {
         match action {
@@ -595,7 +604,8 @@ impl<'m> Machine<'m> {
         }
     }
 
-    /// The changes from outside that would give a flag the value that a guard of a current state wants it to have.
+    /// The changes from outside that would give a flag the value that a guard of a current state
+    /// wants it to have.
     fn add_wishes(&self, instance: usize, wishes: &mut Vec<scenario::Action>) {
         let regions = &self.container(instance).regions;
         for (region, now) in self.instances[instance].regions.iter().enumerate() {
@@ -692,7 +702,7 @@ impl<'m> Machine<'m> {
         found == *value
     }
 
-    // ---- The trace -----------------------------------------------------------------------------------------------------------------
+    // ---- The trace ------------------------------------------------------------------------------
 
     #[allow(clippy::too_many_arguments)] // each is one field of the line
     fn write_transition(
@@ -783,7 +793,7 @@ impl<'m> Machine<'m> {
         }
     }
 
-    // ---- Names and places ----------------------------------------------------------------------------------------------------------
+    // ---- Names and places -----------------------------------------------------------------------
 
     fn container(&self, instance: usize) -> &'m Container {
         &self.model.containers[self.instances[instance].container]

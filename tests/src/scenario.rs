@@ -1,5 +1,6 @@
-//! What happens to a machine from outside, as data: the reference takes it as it is, `esm sim` as the text it prints. Files are read
-//! here a second time, so that the reference depends on no other reader.
+//! What happens to a machine from outside, as data: the reference takes it as it is, `esm sim` as
+//! the text it prints. Files are read here a second time, so that the reference depends on no other
+//! reader.
 
 use std::fmt;
 use std::str::FromStr;
@@ -93,7 +94,8 @@ impl fmt::Display for Scenario {
 impl FromStr for Scenario {
     type Err = String;
 
-    /// Reads a file that is known to be right. What is wrong with one that is not is said in a few words.
+    /// Reads a file that is known to be right. What is wrong with one that is not is said in a few
+    /// words.
     fn from_str(text: &str) -> Result<Self, String> {
         let mut scenario = Scenario::default();
         let mut has_end = false;

@@ -1,6 +1,7 @@
 //! Makes a failing text smaller: takes lines away for as long as it still fails.
 
-/// The smallest text found, by leaving out runs of lines, longest first, for which `fails` still holds. At most `budget` calls of `fails`.
+/// The smallest text found, by leaving out runs of lines, longest first, for which `fails` still
+/// holds. At most `budget` calls of `fails`.
 pub fn shrink(text: &str, budget: usize, mut fails: impl FnMut(&str) -> bool) -> String {
     let mut lines: Vec<&str> = text.lines().collect();
     let mut calls = 0;

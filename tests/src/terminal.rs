@@ -1,4 +1,5 @@
-//! A command that has a terminal of its own: what it shows, keys for it, and whether it gives the terminal back as it was.
+//! A command that has a terminal of its own: what it shows, keys for it, and whether it gives the
+//! terminal back as it was.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -11,7 +12,8 @@ use host_tools::serial::ByteLink;
 use host_tools::serial::pipe::{self, PipeEnd};
 use host_tools::serial::pty::PtyServer;
 
-/// How long a command may take to show something, or to end: nothing is found out by its being short.
+/// How long a command may take to show something, or to end: nothing is found out by its being
+/// short.
 const PATIENCE: Duration = Duration::from_secs(60);
 /// What a terminal is told to give back the screen that it had before.
 const LEAVE_SCREEN: &str = "\x1b[?1049l";
@@ -65,7 +67,8 @@ impl Session {
         }
     }
 
-    /// Waits until a word has been shown since the last call. Blanks are moved over and not shown, so that it is one word.
+    /// Waits until a word has been shown since the last call. Blanks are moved over and not shown,
+    /// so that it is one word.
     ///
     /// # Panics
     /// If it is not shown.
@@ -123,7 +126,8 @@ impl Session {
         assert_eq!((status, &*said), (Some(0), ""), "{what}");
     }
 
-    /// Waits for the command's end, and looks whether the terminal is as it was. Answers the exit status, and what was said after the terminal was given back.
+    /// Waits for the command's end, and looks whether the terminal is as it was. Answers the exit
+    /// status, and what was said after the terminal was given back.
     ///
     /// # Panics
     /// If it does not end, or leaves the terminal otherwise.

@@ -1,5 +1,6 @@
-//! What the analysis calls impossible must never happen: random machines run through the reference under scenarios that set flags at
-//! random, and no state is entered, no transition taken and no two states are current together that the analysis rules out.
+//! What the analysis calls impossible must never happen: random machines run through the reference
+//! under scenarios that set flags at random, and no state is entered, no transition taken and no
+//! two states are current together that the analysis rules out.
 //!
 //! `ESM_MACHINES` sets how many machines are made (150 if unset), `ESM_SEED` the seed of the first.
 
@@ -18,7 +19,8 @@ use host_tools::model::{Direction, Model, Source, StateKind, Target, Trigger};
 const DEFAULT_MACHINES: u64 = 150;
 const SCENARIOS_A_MACHINE: u64 = 3;
 
-/// Where a local state is: its container and region, and which state it is; none for a pseudo-state.
+/// Where a local state is: its container and region, and which state it is; none for a
+/// pseudo-state.
 fn local(model: &Model, path: &str) -> (usize, usize, Option<usize>) {
     let mut container = model.machine.unwrap();
     let mut names = path.split('/');

@@ -1,4 +1,5 @@
-//! An attacker in the line of a robot with a key gets nothing done, makes its owner believe nothing, and locks nobody out.
+//! An attacker in the line of a robot with a key gets nothing done, makes its owner believe
+//! nothing, and locks nobody out.
 
 use esm_tests::attack::attack;
 use esm_tests::environment;

@@ -1,6 +1,8 @@
-//! Each mission that ships, in each world, on the emulated board and on the host: the same trace, line by line, and every transition taken.
+//! Each mission that ships, in each world, on the emulated board and on the host: the same trace,
+//! line by line, and every transition taken.
 //!
-//! What one test drives, the others look at too: a run in the emulator takes a good part of a minute.
+//! What one test drives, the others look at too: a run in the emulator takes a good part of a
+//! minute.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -121,7 +123,8 @@ struct Driven {
     host: (Done, Duration),
 }
 
-/// Where traces and recordings of these tests are kept, to be looked at after a failure: until the next run of the tests, and apart from those of a run beside this one.
+/// Where traces and recordings of these tests are kept, to be looked at after a failure: until the
+/// next run of the tests, and apart from those of a run beside this one.
 fn folder() -> &'static Path {
     static FOLDER: OnceLock<RunFolder> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| {
@@ -370,7 +373,8 @@ impl Taken {
     }
 }
 
-/// All transitions of the machine and its containers as the source has them, each with what a trace can say of it: once for each use.
+/// All transitions of the machine and its containers as the source has them, each with what a trace
+/// can say of it: once for each use.
 fn transitions(model: &Model) -> BTreeMap<String, BTreeSet<Taken>> {
     let mut found = BTreeMap::new();
     list_transitions(model, model.machine.unwrap(), "", None, &mut found);
@@ -548,7 +552,8 @@ fn a_changed_plant_or_table_breaks_the_equality() {
         ])
         .good();
         let trace = std::fs::read_to_string(trace).unwrap();
-        // Without a recording slot-0 runs end where the host ends them: for this mission that is where the emulator did.
+        // Without a recording slot-0 runs end where the host ends them: for this mission that is
+        // where the emulator did.
         let equal = first_difference(&run.trace, &trace).is_none();
         assert_eq!(equal, what == "nothing", "changed was: {what}");
     }
@@ -606,7 +611,8 @@ fn the_demo_drives_far_through_rooms_and_swaps_missions_without_missing_a_slot()
     assert_eq!(starts, 2);
 }
 
-/// Something happens each millisecond, and the interpreter's slot is nearly as long as what is left of one.
+/// Something happens each millisecond, and the interpreter's slot is nearly as long as what is left
+/// of one.
 const QUICK: &str = "
     interpreter slot 1;
     slot 1 period 20 ms duration 550 us;
@@ -628,8 +634,9 @@ const QUICK: &str = "
         region steps { state A timeout 100 ms; state B timeout 100 ms; initial -> A; A -> B [timeout] / send Leave; B -> A [timeout]; }
     }";
 
-/// What the first macro step of a mission may be late by that follows another, in virtual time, which counts instructions:
-/// three quarters of the quickest slot's period, half as much again as the compilers at hand make of it.
+/// What the first macro step of a mission may be late by that follows another, in virtual time,
+/// which counts instructions: three quarters of the quickest slot's period, half as much again as
+/// the compilers at hand make of it.
 const FOLLOWING_LIMIT_NS: u64 = 750_000;
 
 #[test]

@@ -449,7 +449,8 @@ const OTHER_PAGES: [&str; 8] = [
     "clients/python/README.md",
 ];
 
-/// Each command line of the book and of the other pages, with its page: what stands in fenced `sh` blocks, without comments.
+/// Each command line of the book and of the other pages, with its page: what stands in fenced `sh`
+/// blocks, without comments.
 fn commands() -> Vec<(PathBuf, String)> {
     let mut pages = chapters();
     pages.sort();
@@ -478,7 +479,8 @@ fn words(command: &str) -> Vec<String> {
     found
 }
 
-/// Files that commands of the book read, and of which the text says that somebody has made them before.
+/// Files that commands of the book read, and of which the text says that somebody has made them
+/// before.
 fn stock() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
@@ -516,12 +518,12 @@ fn playground(stock: &Path) -> tempfile::TempDir {
     folder
 }
 
-/// Commands of the book that end as they are meant to, and not with 0: a run whose button is pressed, or whose robot is
-/// left alone, and a difference that was found.
+/// Commands of the book that end as they are meant to, and not with 0: a run whose button is
+/// pressed, or whose robot is left alone, and a difference that was found.
 const ENDS_WITH_1: [&str; 2] = ["--estop '", "--cut-link '"];
 
-/// Runs `esm` as a page shows it, in a folder; what is wrong with it. What needs a robot is given a port that is none, and
-/// must get so far as to say so.
+/// Runs `esm` as a page shows it, in a folder; what is wrong with it. What needs a robot is given a
+/// port that is none, and must get so far as to say so.
 fn wrong_with(command: &str, folder: &Path) -> Option<String> {
     let (command, input) = match command.split_once(" < ") {
         Some((command, file)) => (command, Some(folder.join(file))),

@@ -1,4 +1,5 @@
-//! Bounds of macro steps against macro steps that are run: by the interpreter here, and on the emulated board, where their instructions are counted.
+//! Bounds of macro steps against macro steps that are run: by the interpreter here, and on the
+//! emulated board, where their instructions are counted.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -135,8 +136,8 @@ fn the_bound_of_a_shipped_mission_is_not_far_above_what_is_found_on_the_board() 
         let most = counted.iter().flatten().copied().max().unwrap();
         let bound = bound.instructions;
         assert!(most <= bound, "{file}: {most} instructions, bound {bound}");
-        // A mission that takes over warm begins some regions anew while it is in the middle of others. The bound has room
-        // for that, and a search from the start does not find it.
+        // A mission that takes over warm begins some regions anew while it is in the middle of
+        // others. The bound has room for that, and a search from the start does not find it.
         assert!(
             bound * 4 <= most * 9,
             "{file}: the bound {bound} is more than 2.25 times {most}"

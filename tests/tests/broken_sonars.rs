@@ -1,4 +1,5 @@
-//! Each mission that ships, with each sonar broken in each way while it drives: no robot runs into a wall at more than a slow speed.
+//! Each mission that ships, with each sonar broken in each way while it drives: no robot runs into
+//! a wall at more than a slow speed.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -20,11 +21,13 @@ const BREAK_S: u64 = 5;
 /// And how long they are watched in all.
 const RUN_S: u64 = 20;
 
-/// A robot that is slower than this is slow, in metres per second: 0.15 is what `Back`, and `RoundCorner` in a mission, ask for, and
-/// what the wheels make of it is a little more. The missions drive at 0.3 where they see that the way is free.
+/// A robot that is slower than this is slow, in metres per second: 0.15 is what `Back`, and
+/// `RoundCorner` in a mission, ask for, and what the wheels make of it is a little more. The
+/// missions drive at 0.3 where they see that the way is free.
 const SLOW_M_PER_S: f64 = 0.18;
 
-/// The sonars that break alone: those ahead and to the right, where the missions drive, and the one behind.
+/// The sonars that break alone: those ahead and to the right, where the missions drive, and the one
+/// behind.
 const TRIED: [usize; 4] = [0, 4, 6, 7];
 
 /// A mission that drives, and a world for it.
@@ -68,7 +71,8 @@ const SUBJECTS: [Subject; 7] = [
 struct Ended {
     collisions: u32,
     hardest_m_per_s: f64,
-    /// Way in metres from two seconds after the sonar has broken: along both axes, so no shorter than it is.
+    /// Way in metres from two seconds after the sonar has broken: along both axes, so no shorter
+    /// than it is.
     later_m: f64,
     trace: String,
 }

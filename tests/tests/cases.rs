@@ -1,4 +1,5 @@
-//! The collection of wrong and right files in `cases/`: each says in comments what `esm check` must find in it, and nothing else may be found.
+//! The collection of wrong and right files in `cases/`: each says in comments what `esm check` must
+//! find in it, and nothing else may be found.
 //!
 //! ```text
 //!     initial -> Cruize;
@@ -8,7 +9,8 @@
 //! // as build                                        a machine is demanded, as `esm build` does
 //! // with warnings                                   warnings are compared, too, as they are in a file that expects some
 //! ```
-//! A folder with a `main.esm` is one case, whose other files are there to be used by it; each of them says what is found in itself.
+//! A folder with a `main.esm` is one case, whose other files are there to be used by it; each of
+//! them says what is found in itself.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -41,7 +43,8 @@ fn code_and_parts(text: &str) -> (String, Vec<String>) {
     (parts.next().unwrap_or_default(), parts.collect())
 }
 
-/// The expectations in the comments of a file. A comment that begins like one and is none is a mistake of the case.
+/// The expectations in the comments of a file. A comment that begins like one and is none is a
+/// mistake of the case.
 fn expectations(text: &str) -> Result<Vec<Expectation>, String> {
     let mut found = Vec::new();
     let mut line_above = 0;
@@ -110,7 +113,8 @@ fn check(path: &Path) -> Result<Checked, String> {
 fn difference(path: &Path) -> Result<String, String> {
     let checked = check(path)?;
     let positions = lang::Positions::new(&checked.files);
-    // By file, line and code; columns are compared below, so that a wrong one is told beside the right one.
+    // By file, line and code; columns are compared below, so that a wrong one is told beside the
+    // right one.
     let mut found: BTreeMap<u32, Vec<(&Diagnostic, lang::Position)>> = BTreeMap::new();
     for diagnostic in &checked.diagnostics {
         found

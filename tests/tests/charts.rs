@@ -1,5 +1,6 @@
-//! Charts that are known from elsewhere, from turnstile to autopilot, and one small chart for each sentence about what a machine means. What
-//! they must do was worked out by hand and stands in their scenarios: `expect` lines, and comments that `esm sim` does not read.
+//! Charts that are known from elsewhere, from turnstile to autopilot, and one small chart for each
+//! sentence about what a machine means. What they must do was worked out by hand and stands in
+//! their scenarios: `expect` lines, and comments that `esm sim` does not read.
 //!
 //! ```text
 //! # takes 20 ms: r/A>r/B s/X>s/Y     exactly these transitions in the macro step at 20 ms, in this order
@@ -28,7 +29,8 @@ struct Sentence {
     expected: Vec<String>,
 }
 
-/// The sentences in the comments of a scenario. Comments that begin with another word are for people.
+/// The sentences in the comments of a scenario. Comments that begin with another word are for
+/// people.
 fn sentences(scenario: &str) -> Result<Vec<Sentence>, String> {
     let mut found = Vec::new();
     for (text, line) in scenario.lines().zip(1..) {
@@ -81,7 +83,8 @@ fn said(trace: &[Value], sentence: &Sentence) -> Vec<String> {
     }
 }
 
-/// How a run differs from what its scenario says; nothing where it does not. Gives the number of expectations, too.
+/// How a run differs from what its scenario says; nothing where it does not. Gives the number of
+/// expectations, too.
 fn difference(chart: &Path) -> Result<(String, usize), String> {
     let text = fs::read_to_string(chart.with_extension("scenario"))
         .map_err(|error| format!("scenario: {error}"))?;

@@ -1,5 +1,6 @@
-//! Whatever happens to a blob on its way: it is refused with a reason, or it is a valid blob, and a valid blob runs, whatever the flags
-//! do, without a panic and to its end. All of it also with the CRC made right again, so that it is the verifier's own judgement.
+//! Whatever happens to a blob on its way: it is refused with a reason, or it is a valid blob, and a
+//! valid blob runs, whatever the flags do, without a panic and to its end. All of it also with the
+//! CRC made right again, so that it is the verifier's own judgement.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -66,7 +67,8 @@ impl Tally {
                     break;
                 }
                 match random.below(4) {
-                    // Flags beyond the task's are a caller's mistake that must not reach another's memory.
+                    // Flags beyond the task's are a caller's mistake that must not reach another's
+                    // memory.
                     0 => interpreter.set_flag(task, random.below(6), random.chance(70)),
                     1 => interpreter.report_exit(task),
                     2 => interpreter.set_busy(task, random.chance(50)),
@@ -202,7 +204,8 @@ fn several_changed_words_are_refused_or_harmless() {
             let mut bytes = blob.clone();
             for _ in 0..random.between(1, 4) {
                 let place = random.between(4, bytes.len() - CRC_BYTES - 2);
-                // Small numbers are indices that exist: the changes that are hardest to see through.
+                // Small numbers are indices that exist: the changes that are hardest to see
+                // through.
                 let word = match random.below(3) {
                     0 => random.bits() as u16,
                     1 => random.below(16) as u16,

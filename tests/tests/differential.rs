@@ -1,8 +1,8 @@
-//! The compiler and the interpreter against the reference, on random machines: the same trace, line by line, and the same expectations
-//! failed.
+//! The compiler and the interpreter against the reference, on random machines: the same trace, line
+//! by line, and the same expectations failed.
 //!
-//! `ESM_MACHINES` sets how many machines are made (300 if unset), `ESM_SEED` the seed of the first. A failure prints both the seed and
-//! the smallest machine found that still fails.
+//! `ESM_MACHINES` sets how many machines are made (300 if unset), `ESM_SEED` the seed of the first.
+//! A failure prints both the seed and the smallest machine found that still fails.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -51,7 +51,8 @@ fn first_difference(expected: &Outcome, found: &Outcome) -> Option<String> {
     })
 }
 
-/// Makes the failing case small. A text that the front end refuses is no smaller case, unless that is the failure itself.
+/// Makes the failing case small. A text that the front end refuses is no smaller case, unless that
+/// is the failure itself.
 fn smallest(text: &str, scenario: &Scenario) -> String {
     let refused = subject::build(text).is_err();
     let still_fails = |text: &str, scenario: &Scenario| {

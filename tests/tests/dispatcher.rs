@@ -1,4 +1,5 @@
-//! The dispatcher against what it means: the sorted list of all occurrences, whenever they are asked for.
+//! The dispatcher against what it means: the sorted list of all occurrences, whenever they are
+//! asked for.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -116,7 +117,8 @@ fn occurrences_are_those_of_a_sorted_list_however_late_they_are_asked_for() {
     }
 }
 
-/// What runs here lasts for 55 hours of a robot's time. `cargo xtask bench dispatch` takes a billion occurrences.
+/// What runs here lasts for 55 hours of a robot's time. `cargo xtask bench dispatch` takes a
+/// billion occurrences.
 #[test]
 fn nothing_drifts() {
     let run = exactness::run(environment::number("ESM_OCCURRENCES", 3_000_000));

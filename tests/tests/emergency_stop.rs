@@ -1,4 +1,5 @@
-//! The emergency stop of a robot that is emulated or on the host: its latch over a loss of power, and its button.
+//! The emergency stop of a robot that is emulated or on the host: its latch over a loss of power,
+//! and its button.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 

@@ -3,7 +3,8 @@
 use esm_tests::command::root;
 use esm_tests::endurance::{Body, drive};
 
-/// Longer than 2^32 µs, which are 71.6 minutes. 2^32 ticks of the clock are over after 86 seconds already.
+/// Longer than 2^32 µs, which are 71.6 minutes. 2^32 ticks of the clock are over after 86 seconds
+/// already.
 const DURATION_US: u64 = 72 * 60 * 1_000_000;
 
 #[test]

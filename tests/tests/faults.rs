@@ -1,7 +1,8 @@
-//! Planted faults on the emulated board: each shows in the robot's own counters with its exact number, and ends in the safe state where
-//! it must.
+//! Planted faults on the emulated board: each shows in the robot's own counters with its exact
+//! number, and ends in the safe state where it must.
 //!
-//! The firmware `faults` has tasks that misbehave once, in the first step after their state is entered.
+//! The firmware `faults` has tasks that misbehave once, in the first step after their state is
+//! entered.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -24,14 +25,16 @@ task Panic slot 2 {}
 task Undefined slot 2 {}
 ";
 
-/// A robot with the firmware `faults` that runs a machine with one region, which starts in `Quiet` and goes on after a second.
+/// A robot with the firmware `faults` that runs a machine with one region, which starts in `Quiet`
+/// and goes on after a second.
 fn robot_with(states: &str) -> Robot {
     let robot = Robot::start("lm3s6965", Some(&firmware("faults")));
     upload(&robot, states);
     robot
 }
 
-/// Without a trial, in which a fault may be the end of the mission and not of the drive, and which would be over sooner or later.
+/// Without a trial, in which a fault may be the end of the mission and not of the drive, and which
+/// would be over sooner or later.
 fn upload(robot: &Robot, states: &str) {
     let (_folder, path) = mission(states);
     robot.give(&path);
@@ -76,8 +79,9 @@ const COUNTED: &[Counted] = &[
         missed: 0,
     },
     Counted {
-        // 42 ms: the next occurrences of slots 1 and 2 find no start within their period, those after them do. So does slot 3, at whichever of
-        // the interpreter's occurrences the mission began.
+        // 42 ms: the next occurrences of slots 1 and 2 find no start within their period, those
+        // after them do. So does slot 3, at whichever of the interpreter's occurrences the mission
+        // began.
         what: "an overrun over two periods",
         states: "task After: Overrun with { duration_us = 42000 }; Quiet -> After [timeout];",
         overruns: 1,
@@ -223,7 +227,8 @@ fn what_ends_the_firmware_is_told_after_the_reset() {
 fn a_mission_that_resets_the_robot_again_and_again_is_not_started_for_ever() {
     let robot = Robot::start("lm3s6965", Some(&firmware("faults")));
     upload(&robot, "task Fatal: Panic; Quiet -> Fatal [timeout];");
-    // Where its answer was lost in the first reset, the upload is made again, and is one start more.
+    // Where its answer was lost in the first reset, the upload is made again, and is one start
+    // more.
     robot.status_when("three starts and no more", |status| {
         status["last_words"]["bad_starts"].as_u64() >= Some(3) && status["mode"] == "empty"
     });
@@ -236,7 +241,8 @@ fn a_mission_that_resets_the_robot_again_and_again_is_not_started_for_ever() {
 
 #[test]
 fn an_emergency_stop_is_latched_over_missions_and_a_reset_until_it_is_released() {
-    // The idle loop hangs from the first second on, and goes on to do so: the watchdog resets the robot.
+    // The idle loop hangs from the first second on, and goes on to do so: the watchdog resets the
+    // robot.
     let states = "task Fatal: NeverReturnInSlot0; Quiet -> Fatal [timeout];";
     let robot = robot_with(states);
     robot.status_when("the task", |status| {

@@ -12,7 +12,8 @@ use host_tools::lang::format;
 /// How many random machines are laid out.
 const MACHINES: u64 = 100;
 
-/// Cases for checks and fuzzing, whose layout is a part of the case or does not matter, and what is built.
+/// Cases for checks and fuzzing, whose layout is a part of the case or does not matter, and what is
+/// built.
 const LEFT_OUT: [&str; 3] = ["tests/cases", "fuzz", "target"];
 
 /// The sources of the checkout that people read.
@@ -41,7 +42,8 @@ fn the_projects_own_files_have_the_layout() {
     esm(&arguments).good();
 }
 
-/// The text with other blanks, and with comments where blanks were. The text has no comments and no quoted texts.
+/// The text with other blanks, and with comments where blanks were. The text has no comments and no
+/// quoted texts.
 fn sprayed(text: &str, random: &mut Random) -> String {
     let mut sprayed = String::new();
     for character in text.chars() {
@@ -62,7 +64,8 @@ fn sprayed(text: &str, random: &mut Random) -> String {
     sprayed
 }
 
-/// The comments of a text without quoted texts, in order, without the blanks at the ends of their lines.
+/// The comments of a text without quoted texts, in order, without the blanks at the ends of their
+/// lines.
 fn comments(text: &str) -> Vec<String> {
     let mut comments = Vec::new();
     let mut rest = text;

@@ -1,7 +1,8 @@
 //! A task that is executed and writes nothing any more: how long until its robot stands.
 //!
-//! Each writer freezes in turn, on a robot that drives: its slot goes on, what it wrote last stays on its nets and
-//! pins. Each bound follows from the times behind `within` in the readers' declarations, or from the deadman time.
+//! Each writer freezes in turn, on a robot that drives: its slot goes on, what it wrote last stays
+//! on its nets and pins. Each bound follows from the times behind `within` in the readers'
+//! declarations, or from the deadman time.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -234,13 +235,15 @@ fn with_robot<R>(
 
 /// How long a robot is watched once its task is frozen, in microseconds: longer than each bound.
 const WATCHED_US: u64 = 2_000_000;
-/// The slowest tasks of these missions run each 40 ms, the others each 20 ms. The pins are exchanged as often.
+/// The slowest tasks of these missions run each 40 ms, the others each 20 ms. The pins are
+/// exchanged as often.
 const PERIOD_US: u64 = 20_000;
 const SLOW_PERIOD_US: u64 = 40_000;
-/// Time in which wheels that are asked to stand have done so, on the way down from 0.4 m/s with the 1.2 m/s² of
-/// `WheelSpeed` and `DriveOpenLoop`. No wheel turns faster in these missions.
+/// Time in which wheels that are asked to stand have done so, on the way down from 0.4 m/s with the
+/// 1.2 m/s² of `WheelSpeed` and `DriveOpenLoop`. No wheel turns faster in these missions.
 const BRAKING_US: u64 = 333_334;
-/// Time in which a wheel without power has come to stand: five times the time that its motor takes to slow down to 1/e.
+/// Time in which a wheel without power has come to stand: five times the time that its motor takes
+/// to slow down to 1/e.
 const ROLLING_US: u64 = 400_000;
 /// A wheel slower than this stands.
 const STANDING_M_PER_S: f64 = 0.005;
@@ -349,7 +352,8 @@ fn stands(subject: &Subject, task: &'static str, after_us: u64, bound_us: u64) -
     driven
 }
 
-/// Whoever freezes that has a part in moving a robot: it stands by then, after this way at most. The book says so.
+/// Whoever freezes that has a part in moving a robot: it stands by then, after this way at most.
+/// The book says so.
 const MOST_STANDS_US: u64 = 700_000;
 const MOST_WAY_M: f64 = 0.12;
 
@@ -439,7 +443,8 @@ fn patrol_stands_whoever_of_its_writers_freezes() {
 
 #[test]
 fn patrol_stands_too_where_the_sonars_freeze_while_it_turns() {
-    // `Turn` needs no ranges. But `ProximityMonitor` says close, which is an event, and on that `Stop` is entered.
+    // `Turn` needs no ranges. But `ProximityMonitor` says close, which is an event, and on that
+    // `Stop` is entered.
     let close_us = within_us::<ProximityMonitor>("ranges") + SLOW_PERIOD_US;
     let bound_us = close_us + 2 * PERIOD_US + BRAKING_US;
     let office = Subject::new(patrol(), "office");
@@ -564,15 +569,16 @@ fn a_battery_that_nobody_measures_counts_as_empty_where_somebody_guards_it() {
     let subject = Subject::new(guarded, "office");
     let mut driven = subject.driven(&Freeze::new("nobody", 0), LEFT_US + 2 * WATCHED_US);
     driven.frozen_us = LEFT_US + PERIOD_US; // the macro step in which it is left
-    // The guard's second, the voltage's age before that, and an occurrence of the guard's slot beyond each.
+    // The guard's second, the voltage's age before that, and an occurrence of the guard's slot
+    // beyond each.
     let bound_us = within_us::<BatteryGuard>("battery") + 1_000_000 + 2 * SLOW_PERIOD_US;
     driven.stands_within("nobody measures the battery", bound_us);
     driven.is_in_book("nobody: the state that measures is left, with a `BatteryGuard`");
     assert_eq!(driven.mode, Mode::Safe(SafeReason::LowBattery));
 }
 
-/// A flag has no age. So a task that watches says something in each execution, and where one does not any more, the firmware
-/// stops the robot.
+/// A flag has no age. So a task that watches says something in each execution, and where one does
+/// not any more, the firmware stops the robot.
 fn stops_without(subject: &Subject, task: &'static str, period_us: u64) {
     const AFTER_US: u64 = 5_000_000;
     let scout = Freeze::new(task, AFTER_US);

@@ -1,7 +1,8 @@
-//! The functions that fuzzers drive, over all seeds and over changed copies of them: the same copies each time, and some seconds in all.
+//! The functions that fuzzers drive, over all seeds and over changed copies of them: the same
+//! copies each time, and some seconds in all.
 //!
-//! `ESM_SEED` sets the first changed copy (0 if unset) and `ESM_FUZZ_RUNS` how many there are for each target, for more than a short look.
-//! `cargo xtask fuzz` goes on where this ends.
+//! `ESM_SEED` sets the first changed copy (0 if unset) and `ESM_FUZZ_RUNS` how many there are for
+//! each target, for more than a short look. `cargo xtask fuzz` goes on where this ends.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 

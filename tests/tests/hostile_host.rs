@@ -1,5 +1,6 @@
-//! A host that has no key, at the line of a robot that has one and drives, in the emulator with its real firmware: it floods the robot, gets nowhere, and costs
-//! no slot; the owner's next upload works.
+//! A host that has no key, at the line of a robot that has one and drives, in the emulator with its
+//! real firmware: it floods the robot, gets nowhere, and costs no slot; the owner's next upload
+//! works.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -117,7 +118,8 @@ struct Told {
 
 impl Told {
     fn hear(&mut self, frame: &mut [u8]) {
-        // A proven answer is one that the owner had already, to the last request: nobody else has a proof.
+        // A proven answer is one that the owner had already, to the last request: nobody else has a
+        // proof.
         let Ok(FromDevice::Reply { result, .. }) = decode(frame) else {
             return;
         };
@@ -176,7 +178,8 @@ fn flood(line: &mut impl ByteLink, recorded: &[u8], blob: &[u8], flood_bytes: u6
     told
 }
 
-/// Reads up to the answer to a question that nobody has asked before: what comes behind it is not of the flood.
+/// Reads up to the answer to a question that nobody has asked before: what comes behind it is not
+/// of the flood.
 fn pass_over_answers(line: &mut impl ByteLink) {
     const PATIENCE: Duration = Duration::from_secs(120);
     // Not a number that the owner comes to soon: this may be answered more than once.
@@ -266,7 +269,8 @@ fn a_host_without_the_key_gets_nowhere_and_costs_no_slot() {
     }
     println!("{} requests refused in {seconds} s", told.refused.len());
 
-    // The owner comes back, when what the flood was answered has passed: a hello among what is replayed may have had the number of his own.
+    // The owner comes back, when what the flood was answered has passed: a hello among what is
+    // replayed may have had the number of his own.
     pass_over_answers(&mut line);
     let (mut robot, info) = LinkClient::connect(line).unwrap();
     assert_eq!(info.access, Access::Locked);

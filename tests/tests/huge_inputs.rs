@@ -1,7 +1,10 @@
-//! Huge and hostile inputs, given to the command as files: each is answered in time and in memory that are bounded.
+//! Huge and hostile inputs, given to the command as files: each is answered in time and in memory
+//! that are bounded.
 //!
-//! The ordinary test takes small ones. `cargo test -p esm-tests --test huge_inputs -- --ignored --nocapture` takes them at full size, 100,000 things or
-//! 10 MB, and prints what each command took; `ESM_SHAPE=words` chooses those with these words in their name.
+//! The ordinary test takes small ones.
+//! `cargo test -p esm-tests --test huge_inputs -- --ignored --nocapture` takes them at full size,
+//! 100,000 things or 10 MB, and prints what each command took; `ESM_SHAPE=words` chooses those with
+//! these words in their name.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -32,7 +35,8 @@ fn written(shape: &Shape, size: usize, folder: &Path) -> PathBuf {
     path
 }
 
-/// What is done with each file: the command's words, in which `FILE`, `OUT` and `SCENARIO` stand for paths.
+/// What is done with each file: the command's words, in which `FILE`, `OUT` and `SCENARIO` stand
+/// for paths.
 const COMMANDS: [&[&str]; 8] = [
     &["check", "FILE"],
     &["check", "FILE", "--json"],
@@ -64,7 +68,8 @@ fn run(command: &[&str], file: &Path) -> (Done, Duration) {
 /// What is wrong with how a command ended; nothing if all is well.
 fn problem(command: &[&str], done: &Done, is_right: bool) -> Option<String> {
     let ends_well: &[i32] = match command[0] {
-        // What is right for the language may be more than a limit allows, and what is no mission may still have a schedule.
+        // What is right for the language may be more than a limit allows, and what is no mission
+        // may still have a schedule.
         "schedule" | "fmt" => &[0, 1],
         _ if is_right => &[0, 1],
         _ => &[1],

@@ -1,7 +1,8 @@
 //! Uploads that end before they are done: the robot drives on, and the next upload works.
 //!
-//! First a client in this process, to whom a byte is as exact as one likes; then the command itself, as a process that is killed, suspended, or whose cable is
-//! pulled out, at a robot on the host board and at one in the emulator.
+//! First a client in this process, to whom a byte is as exact as one likes; then the command
+//! itself, as a process that is killed, suspended, or whose cable is pulled out, at a robot on the
+//! host board and at one in the emulator.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -37,7 +38,8 @@ const BAUD: u32 = 921_600;
 /// What becomes of a client after so many bytes that it has sent.
 #[derive(Clone, Copy, Debug)]
 enum Fate {
-    /// The line breaks off in the middle of a frame; the client goes, and the pseudo-terminal is closed.
+    /// The line breaks off in the middle of a frame; the client goes, and the pseudo-terminal is
+    /// closed.
     Cut,
     /// It sleeps, and goes on.
     Pause(Duration),
@@ -167,7 +169,8 @@ fn the_robot_drives_on_and_the_next_upload_works_wherever_one_ends() {
 /// Missions that take turns.
 const MISSIONS: [&str; 2] = ["patrol", "follow_wall"];
 
-/// How long a suspended command sleeps: longer than a client waits for an answer (6 s), and longer than a trial (10 s).
+/// How long a suspended command sleeps: longer than a client waits for an answer (6 s), and longer
+/// than a trial (10 s).
 const SUSPENDED: Duration = Duration::from_secs(11);
 
 /// How long it sleeps before it is killed.
@@ -190,7 +193,8 @@ enum Blow {
     SuspendedAndKilled,
     /// The cable is pulled out, and put in again when the command has ended.
     Unplugged,
-    /// Ctrl-C. From then on no part of the mission comes through, so that the command cannot be done before it has noticed.
+    /// Ctrl-C. From then on no part of the mission comes through, so that the command cannot be
+    /// done before it has noticed.
     Interrupted,
 }
 
@@ -341,7 +345,8 @@ impl Plugged {
         String::from_utf8(done.stderr).unwrap()
     }
 
-    /// Uploads, and has the command meet its fate after it has sent so many bytes. Answers what it said, or `None` if it was done before.
+    /// Uploads, and has the command meet its fate after it has sent so many bytes. Answers what it
+    /// said, or `None` if it was done before.
     fn interrupted(&mut self, file: &str, at: usize, blow: Blow) -> Option<Output> {
         let mut child = {
             // Nothing passes before it is known whom the blow is for.
@@ -417,7 +422,8 @@ impl Sent {
     }
 }
 
-/// Interrupts uploads to a robot so often, and sees each time that it drives on with a whole mission and that the next upload works.
+/// Interrupts uploads to a robot so often, and sees each time that it drives on with a whole
+/// mission and that the next upload works.
 fn interrupt_uploads(robot: &mut Plugged, rounds: usize, seed: u64) {
     let folder = tempfile::tempdir().unwrap();
     let missions = MISSIONS.map(|name| Sent::new(name, folder.path()));
@@ -436,7 +442,8 @@ fn interrupt_uploads(robot: &mut Plugged, rounds: usize, seed: u64) {
         let blow = BLOWS[(round + seed as usize) % BLOWS.len()];
         let at = random.between(0, bytes);
         let Some(output) = robot.interrupted(new.file(), at, blow) else {
-            // A trial that is watched takes some bytes more or less: it came through before this one. That is none of those that count.
+            // A trial that is watched takes some bytes more or less: it came through before this
+            // one. That is none of those that count.
             continue;
         };
         let what = format!("round {round} of {seed}: {blow:?} after {at} bytes: {output:?}");
@@ -522,7 +529,8 @@ fn whatever_befalls_the_command_the_emulated_board_drives_on_too() {
     board.check().unwrap();
 }
 
-/// A robot that drives with the first of the missions, and what an upload of the second one is broken off in the midst of.
+/// A robot that drives with the first of the missions, and what an upload of the second one is
+/// broken off in the midst of.
 fn in_the_midst() -> (HostBoard, Plugged, [Sent; 2], TempDir, usize) {
     let (board, line) = HostBoard::start(host_board::rover, in_a_cell(), None).unwrap();
     let robot = Plugged::new(Box::new(line));

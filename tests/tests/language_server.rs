@@ -868,7 +868,8 @@ fn a_name_is_changed_everywhere_and_nothing_else_is() {
             (new_tasks.as_str(), new_mission.as_str()),
             (TASKS, mission.as_str())
         );
-        // Other things of the same name are told apart by their places: going back leads to the same texts.
+        // Other things of the same name are told apart by their places: going back leads to the
+        // same texts.
         assert_eq!(
             meaning(&new_tasks, &new_mission, new, old),
             meaning(TASKS, &mission, new, old),

@@ -1,4 +1,5 @@
-//! The default firmware without its features, in the emulator: it drives as the other does, and says of what it cannot do that it was built without it.
+//! The default firmware without its features, in the emulator: it drives as the other does, and
+//! says of what it cannot do that it was built without it.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 

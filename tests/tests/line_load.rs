@@ -1,10 +1,13 @@
-//! A line that is full, at a robot that drives in the emulator with its real firmware: whatever comes over it costs no slot, leaves the background its time, and
-//! resets nothing; a stop among it stops the robot, and the owner's upload arrives.
+//! A line that is full, at a robot that drives in the emulator with its real firmware: whatever
+//! comes over it costs no slot, leaves the background its time, and resets nothing; a stop among it
+//! stops the robot, and the owner's upload arrives.
 //!
-//! The link goes by the plant's exchange, at the rate of a line of 115,200 baud in the robot's own time. So a run repeats to the byte, and takes as long as this machine needs for it.
+//! The link goes by the plant's exchange, at the rate of a line of 115,200 baud in the robot's own
+//! time. So a run repeats to the byte, and takes as long as this machine needs for it.
 //!
-//! `ESM_LOAD_SECONDS` says how long each kind of request floods the robot, in its own time, `ESM_LOAD_ALL=1` that each
-//! kind does, and `ESM_LOAD_STOPS` how many stops are tried. `cargo xtask campaign stops` and `load` do it at full length.
+//! `ESM_LOAD_SECONDS` says how long each kind of request floods the robot, in its own time,
+//! `ESM_LOAD_ALL=1` that each kind does, and `ESM_LOAD_STOPS` how many stops are tried.
+//! `cargo xtask campaign stops` and `load` do it at full length.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -37,7 +40,8 @@ use host_tools::serial::clock::Clock;
 use host_tools::values::{Catalogue, Subscription, Told};
 use rt_firmware::body::Request as BodyRequest;
 
-/// Numbers of requests of whoever floods the robot: the owner's client counts up from its own, and comes to none of these in a test.
+/// Numbers of requests of whoever floods the robot: the owner's client counts up from its own, and
+/// comes to none of these in a test.
 const FLOOD_NUMBERS: [u8; 8] = [180, 181, 182, 183, 184, 185, 186, 187];
 
 fn frame(seq: u8, request: Request<'_>) -> Vec<u8> {
@@ -128,8 +132,8 @@ fn requests() -> Vec<(&'static str, Request<'static>)> {
     ]
 }
 
-/// What a robot with a key refuses to a stranger, and what takes nothing from an owner who asks for no streams. At a robot without a key
-/// it would change what the robot does.
+/// What a robot with a key refuses to a stranger, and what takes nothing from an owner who asks for
+/// no streams. At a robot without a key it would change what the robot does.
 fn requests_of_strangers() -> Vec<(&'static str, Request<'static>)> {
     vec![
         ("hello", Request::Hello),
@@ -177,8 +181,9 @@ const WORST: [&str; 6] = [
     "signed",
     "within",
 ];
-/// Each of these has the robot work out a proof, which takes longer than the frame does on the line: the owner's upload
-/// arrives, and is late. Whoever makes them cheaper takes them out of here.
+/// Each of these has the robot work out a proof, which takes longer than the frame does on the
+/// line: the owner's upload arrives, and is late. Whoever makes them cheaper takes them out of
+/// here.
 const PROOFS: [&str; 3] = ["identify", "open session", "proven"];
 /// How many times as long as on a quiet line an owner's upload takes at most.
 const MOST_TIMES: f64 = 2.0;
@@ -231,7 +236,8 @@ impl Flood {
     }
 }
 
-/// The robot's line, which somebody else fills: of each two bytes, one is the owner's where the owner has any.
+/// The robot's line, which somebody else fills: of each two bytes, one is the owner's where the
+/// owner has any.
 #[derive(Clone)]
 struct Crowded {
     line: Arc<Mutex<Box<dyn ByteLink>>>,
@@ -476,11 +482,13 @@ fn key() -> SigningKey {
     SigningKey::of(&[9; 32])
 }
 
-/// Uploads while the line is full, with this key if the robot has one. Each takes so many times as long as on a quiet line at most, if that is said.
+/// Uploads while the line is full, with this key if the robot has one. Each takes so many times as
+/// long as on a quiet line at most, if that is said.
 fn crowded_uploads(robot: &Robot, most: Option<f64>) {
     let all = environment::number("ESM_LOAD_ALL", 0) > 0;
     let seconds = environment::number("ESM_LOAD_SECONDS", 2) as f64;
-    // What a robot without a key does of it, one with a key does as well, or refuses: a part of the time will do.
+    // What a robot without a key does of it, one with a key does as well, or refuses: a part of the
+    // time will do.
     let seconds = if most.is_some() {
         seconds
     } else {
@@ -603,7 +611,8 @@ struct StopTrials {
 impl StopTrials {
     /// How often starts are sent again until it drives.
     const START_INTERVAL_US: u64 = 40_000;
-    /// So long it is watched at least, and until it has answered, but not for longer than the latter.
+    /// So long it is watched at least, and until it has answered, but not for longer than the
+    /// latter.
     const WATCHED_US: u64 = 60_000;
     const ANSWERED_US: u64 = 150_000;
 
@@ -748,7 +757,8 @@ impl StopTrials {
 fn a_stop_on_a_full_line_switches_the_motors_off_at_once() {
     /// From the last byte of the frame on.
     const MOST_US: u64 = 25_000;
-    /// What may still be before the stop in the line's own buffer, and the stop: so long they are under way.
+    /// What may still be before the stop in the line's own buffer, and the stop: so long they are
+    /// under way.
     const ON_THE_LINE_US: u64 = 2 * 3_125;
     /// Then another robot goes on: a battery lasts for some 30,000 s.
     const STOPS_A_BATTERY: u64 = 10_000;

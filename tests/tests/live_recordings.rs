@@ -1,5 +1,6 @@
-//! Recordings that a host makes of a robot over its line, good or bad, while it gives the robot missions, takes them back and stops it: replayed, they are the run,
-//! line by line, wherever nothing is missing.
+//! Recordings that a host makes of a robot over its line, good or bad, while it gives the robot
+//! missions, takes them back and stops it: replayed, they are the run, line by line, wherever
+//! nothing is missing.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -245,7 +246,8 @@ impl Made {
         lines
     }
 
-    /// Compares the replay with the trace, wherever nothing is missing; answers of how many of its macro steps the recording knows.
+    /// Compares the replay with the trace, wherever nothing is missing; answers of how many of its
+    /// macro steps the recording knows.
     fn compare(&self, what: &str) -> (u64, usize) {
         let traced = self.traced();
         let recording = Recording::read(&self.bytes).unwrap();
@@ -527,7 +529,8 @@ fn on_a_bad_line_sessions_with_the_emulated_board_are_known_as_they_were_and_rep
     assert_eq!(made(), made(), "the same noise on the same bytes");
 }
 
-/// A subscription that is gone, and parts that are numbered anew: so a robot that was reset looks from outside.
+/// A subscription that is gone, and parts that are numbered anew: so a robot that was reset looks
+/// from outside.
 #[test]
 fn a_robot_that_has_forgotten_who_listens_is_asked_anew_and_the_gap_is_told() {
     let mut session = Session::start(on_the_host(), 0, 1);

@@ -1,8 +1,10 @@
-//! Commands at the line of a robot that lies, or of whoever answers in its place: each of them ends, with little memory, at once after Ctrl-C, and nothing that was said does
-//! anything to the terminal.
+//! Commands at the line of a robot that lies, or of whoever answers in its place: each of them
+//! ends, with little memory, at once after Ctrl-C, and nothing that was said does anything to the
+//! terminal.
 //!
-//! The robot has a time of its own, so that half a minute costs nothing. `ESM_LIAR_SESSIONS` sets how many sessions there are, and `ESM_SEED` the first one's number; a session
-//! follows from its number alone.
+//! The robot has a time of its own, so that half a minute costs nothing. `ESM_LIAR_SESSIONS` sets
+//! how many sessions there are, and `ESM_SEED` the first one's number; a session follows from its
+//! number alone.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -45,13 +47,14 @@ const LONGEST: Duration = Duration::from_secs(35);
 /// How long a command may go on behind Ctrl-C.
 const LONGEST_FAREWELL: Duration = Duration::from_secs(1);
 
-/// What an upload may take longer for each byte of the mission that the robot takes: 100 bytes of a line of 115,200 bits
-/// a second.
+/// What an upload may take longer for each byte of the mission that the robot takes: 100 bytes of a
+/// line of 115,200 bits a second.
 const SLOWEST_BYTE: Duration = Duration::from_micros(100 * 87);
 /// What it may take longer for its trial of a second, where the robot says that it runs.
 const LONGEST_TRIAL: Duration = Duration::from_secs(11);
 
-/// What it waits where the robot says that another mission is on trial: as long as it says, and a little longer.
+/// What it waits where the robot says that another mission is on trial: as long as it says, and a
+/// little longer.
 const EARLIER_TRIAL: Duration = Duration::from_secs(TRIAL_S as u64 + 10);
 
 /// Commands, and whether they go on until Ctrl-C. `MISSION`, `KEY`, `OTHER` and `ELF` are files.
@@ -431,7 +434,8 @@ fn ctrl_c_ends_the_command_itself_at_once() {
     }
 }
 
-/// Bytes in the encoding of a firmware's log, with its end: behind each seven stands which of them are zero. One is taken for zero where none is.
+/// Bytes in the encoding of a firmware's log, with its end: behind each seven stands which of them
+/// are zero. One is taken for zero where none is.
 fn packed(bytes: &[u8]) -> Vec<u8> {
     const RUN: usize = 7;
     let mut packed = Vec::new();
@@ -471,7 +475,8 @@ fn no_frame_of_a_log_makes_its_reader_fail_or_take_much_memory() {
             .collect();
         lines += reader.lines(&packed(&bytes)).len();
     }
-    // A line in which a text stands, which tells of as many elements as can be said, or in which it stands itself.
+    // A line in which a text stands, which tells of as many elements as can be said, or in which it
+    // stands itself.
     const TEXTS: u8 = 130;
     const TIME: [u8; 8] = [0; 8];
     for (line, text) in (1..TEXTS).flat_map(|line| (1..TEXTS).map(move |text| (line, text))) {

@@ -1,5 +1,6 @@
-//! The points of the language's meaning that are easy to get wrong, one small machine each, with what must come out written down. Both
-//! the reference and the interpreter are held against it, so that an error that both share is found too.
+//! The points of the language's meaning that are easy to get wrong, one small machine each, with
+//! what must come out written down. Both the reference and the interpreter are held against it, so
+//! that an error that both share is found too.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -260,7 +261,8 @@ fn outline(trace: &[String]) -> (Vec<(String, String)>, Option<String>) {
     (steps, None)
 }
 
-/// A machine whose first macro step has exactly as many micro steps as it has events sent one after another, and one for the pulse.
+/// A machine whose first macro step has exactly as many micro steps as it has events sent one after
+/// another, and one for the pulse.
 fn chain(micro_steps: usize) -> String {
     let mut text = format!("{HEAD}machine M {{ event E; region r {{\n");
     for state in 0..micro_steps {

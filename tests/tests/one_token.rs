@@ -1,4 +1,5 @@
-//! One token of a right file is left out or written twice: that costs one message, or two, and never a page of them.
+//! One token of a right file is left out or written twice: that costs one message, or two, and
+//! never a page of them.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -64,7 +65,8 @@ fn errors(text: &str, others: &[(&str, String)]) -> Vec<String> {
     errors.map(told).collect()
 }
 
-/// Changes each token of some right files in turn, and demands that no change costs more than `most` errors.
+/// Changes each token of some right files in turn, and demands that no change costs more than
+/// `most` errors.
 fn change_each_token(most: usize, change: impl Fn(&str, Range<usize>) -> String) {
     let read = |name: &str| fs::read_to_string(name).unwrap();
     let others = [

@@ -1,4 +1,5 @@
-//! The mission that is compiled into the rover's firmware: what its source says, and what the robot does where its flash has none that may run.
+//! The mission that is compiled into the rover's firmware: what its source says, and what the robot
+//! does where its flash has none that may run.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 

@@ -1,5 +1,6 @@
-//! Parameters of a mission that runs in the emulator: changed between two macro steps, within the firmware's bounds, and kept over resets and losses of power.
-//! Those of the link's monitor stop a robot that nobody calls, whatever its mission makes of it.
+//! Parameters of a mission that runs in the emulator: changed between two macro steps, within the
+//! firmware's bounds, and kept over resets and losses of power. Those of the link's monitor stop a
+//! robot that nobody calls, whatever its mission makes of it.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -21,7 +22,8 @@ fn param(robot: &Robot, name: &str) -> Value {
     robot.esm(&["param", "get", name, "--json"]).good().json()
 }
 
-/// Looks at a robot after a silence that is long enough for it to stop, and after longer ones where it has got no processor meanwhile.
+/// Looks at a robot after a silence that is long enough for it to stop, and after longer ones where
+/// it has got no processor meanwhile.
 #[track_caller]
 fn assert_stops_in_silence(robot: &Robot) {
     const LONGEST: Duration = Duration::from_secs(60);
@@ -180,7 +182,8 @@ fn a_mission_does_not_get_around_the_last_stage_of_a_lost_link() {
             let line = done.out.lines().find(|line| line.contains("motors off"));
             let line = line.unwrap_or_else(|| panic!("{board}, {what}: {done:#?}"));
             let at_s: f64 = line.split_whitespace().next().unwrap().parse().unwrap();
-            // 2 s after the last call, which came at most 0.3 s before the cut, and the second time after that that the monitor is asked.
+            // 2 s after the last call, which came at most 0.3 s before the cut, and the second time
+            // after that that the monitor is asked.
             assert!((2.7..3.6).contains(&at_s), "{board}, {what}: {done:#?}");
         }
     }

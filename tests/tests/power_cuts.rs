@@ -1,5 +1,5 @@
-//! Power is lost in the operations of the robot's flash while the real firmware runs in the emulator: it starts again with a whole mission, and with nothing lost
-//! that was acknowledged.
+//! Power is lost in the operations of the robot's flash while the real firmware runs in the
+//! emulator: it starts again with a whole mission, and with nothing lost that was acknowledged.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 

@@ -1,4 +1,5 @@
-//! Recorded runs are had again from their recordings alone, line by line; and what is wrong with a recording is told.
+//! Recorded runs are had again from their recordings alone, line by line; and what is wrong with a
+//! recording is told.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -167,7 +168,8 @@ fn walked(what: &str, recording: &Recording) -> Vec<Moment> {
     moments
 }
 
-/// Holds what a walk tells of flags and timers behind each macro step against the machine that made it.
+/// Holds what a walk tells of flags and timers behind each macro step against the machine that made
+/// it.
 fn assert_what_is_told_is_what_the_machine_was(what: &str, recording: &Recording) {
     let (mut walk, _) = Walk::new(recording, false);
     for stretch in &recording.stretches {
@@ -216,7 +218,8 @@ fn assert_what_is_told_is_what_the_machine_was(what: &str, recording: &Recording
                     "{what}, {step}: {flag:?}"
                 );
             }
-            // What was told to be new is all that is; only `exit` of the machine itself is of no state.
+            // What was told to be new is all that is; only `exit` of the machine itself is of no
+            // state.
             let flags = machine.first_enable_bit() / 32;
             flags_told[0] |= machine.input_words()[0] & 1 << FLAG_EXIT;
             assert_eq!(
@@ -407,7 +410,8 @@ fn a_recording_that_was_broken_off_is_had_again_to_its_last_whole_frame() {
     for length in (0..bytes.len()).step_by(7) {
         let whole = ends.iter().rev().find(|end| **end <= length).copied();
         let cut = &bytes[..length];
-        // Before the end of the head it is no recording, and before that of the mission there is nothing of it.
+        // Before the end of the head it is no recording, and before that of the mission there is
+        // nothing of it.
         let Ok(recording) = Recording::read(cut) else {
             assert!(length < ends[1], "{length}");
             continue;

@@ -1,4 +1,5 @@
-//! The link inside the plant exchange: whatever is asked of a robot, over however bad a line, the run repeats to the byte, on both boards.
+//! The link inside the plant exchange: whatever is asked of a robot, over however bad a line, the
+//! run repeats to the byte, on both boards.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -182,7 +183,8 @@ fn session(board: &str) -> Vec<String> {
         tell(format!("{event:?}"));
     }
     tell(format!("{:?}", robot.counts()));
-    // As long as the client asks for nothing, board and plant stand still; once it has gone they run free.
+    // As long as the client asks for nothing, board and plant stand still; once it has gone they
+    // run free.
     told.push(format!("{:?}", plant.at_end().pose()));
     drop((robot, running));
     told
@@ -236,7 +238,8 @@ fn an_upload_inside_the_plant_exchange_has_nine_tenths_of_the_wire_and_costs_no_
     }
 }
 
-/// A session over a bad line, with an upload, in virtual time. So many of a thousand bytes are corrupted, dropped or doubled.
+/// A session over a bad line, with an upload, in virtual time. So many of a thousand bytes are
+/// corrupted, dropped or doubled.
 struct BadLine {
     hello_s: f64,
     upload_s: f64,

@@ -1,4 +1,5 @@
-//! A robot on a serial line (a pty), in real time: uploads, refusals, status, log, stop and start, on both boards.
+//! A robot on a serial line (a pty), in real time: uploads, refusals, status, log, stop and start,
+//! on both boards.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -120,7 +121,8 @@ fn a_mission_that_fails_its_trial_gives_way_to_the_one_before() {
                 .good();
             assert!(told.out.contains("on trial"), "{board}: {}", told.out);
         };
-        // Nobody confirms it. The next upload waits for that, unless this machine is so busy that the trial is over before it begins.
+        // Nobody confirms it. The next upload waits for that, unless this machine is so busy that
+        // the trial is over before it begins.
         let waited = (1..=5).find_map(|time| {
             on_trial(&format!("{time} s"));
             let told = robot.esm(&["upload", "missions/patrol.esm", "--json"]);
@@ -132,7 +134,8 @@ fn a_mission_that_fails_its_trial_gives_way_to_the_one_before() {
         assert_eq!(waited["confirmed"], false, "{board}: {waited}");
         let why = waited["fell_back"].as_str().unwrap_or_default();
         assert!(why.contains("not confirmed"), "{board}: {waited}");
-        // Or it ends it at once. A mission that takes the place of none but itself is as good as another.
+        // Or it ends it at once. A mission that takes the place of none but itself is as good as
+        // another.
         let choices = [("fallback", &patrol), ("confirm", &follow_wall)];
         // This is the command's doing, and none of the board's.
         for (choice, before) in choices.into_iter().filter(|_| board == "host") {
@@ -390,7 +393,8 @@ fn a_robot_refuses_corrupted_blobs_and_drives_on() {
                 }
             }
             tried += 1;
-            // One that is valid after all would take over: the host's own verifier says which are not.
+            // One that is valid after all would take over: the host's own verifier says which are
+            // not.
             if esm_core::verify(&bytes[..]).is_ok() {
                 continue;
             }

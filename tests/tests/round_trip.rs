@@ -1,6 +1,8 @@
-//! What the compiler makes of a source, `inspect` gives back as a source of which the compiler makes the same again, byte for byte: with names, and without.
+//! What the compiler makes of a source, `inspect` gives back as a source of which the compiler
+//! makes the same again, byte for byte: with names, and without.
 //!
-//! `ESM_MACHINES` sets how many random machines are tried (300 if unset), `ESM_SEED` the seed of the first.
+//! `ESM_MACHINES` sets how many random machines are tried (300 if unset), `ESM_SEED` the seed of
+//! the first.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -35,7 +37,8 @@ fn assert_goes_round(what: &str, mut checked: Checked) -> String {
             Ok(source) => source,
             Err(cause) => panic!("{what}, names {names:?}: {cause}"),
         };
-        // Once more, by other means than those by which the source was checked before it was given out.
+        // Once more, by other means than those by which the source was checked before it was given
+        // out.
         let again = blob(&mut lang::load_text("again.esm", &source), names);
         assert_eq!(again, bytes, "{what}, names {names:?}:\n{source}");
         with_names = source;

@@ -1,4 +1,5 @@
-//! Commands that take the screen of a terminal: `esm replay --step`, and what gives the terminal back whatever ends them.
+//! Commands that take the screen of a terminal: `esm replay --step`, and what gives the terminal
+//! back whatever ends them.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 

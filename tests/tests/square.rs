@@ -29,7 +29,8 @@ struct Ended {
 }
 
 impl Ended {
-    /// How far the robot is from where it was, in metres, and by how many degrees it looks further to the left.
+    /// How far the robot is from where it was, in metres, and by how many degrees it looks further
+    /// to the left.
     fn off(&self, start: StartPose) -> (f64, f64) {
         let end = self.plant.pose();
         let right_m = end.position.x_m - start.position.x_m;
@@ -137,8 +138,9 @@ fn one_movement(folder: &Path, task: &str) -> PathBuf {
     file
 }
 
-/// How a person measures a robot, with a tape and a mark on the floor: what it is told against what it does, on average over
-/// floors. The measures in its firmware are such that the two agree as well as a tape can say.
+/// How a person measures a robot, with a tape and a mark on the floor: what it is told against what
+/// it does, on average over floors. The measures in its firmware are such that the two agree as
+/// well as a tape can say.
 #[test]
 fn the_rovers_measures_are_those_that_a_tape_finds() {
     const FLOORS: u64 = 6;
@@ -210,10 +212,11 @@ fn parts(block: &str) -> Vec<String> {
     parts
 }
 
-/// Does to a mission what the page says is to be done with a part: what has its name gives way to it, and what is new is
-/// added.
+/// Does to a mission what the page says is to be done with a part: what has its name gives way to
+/// it, and what is new is added.
 fn put(mission: &mut Vec<String>, part: String) {
-    // A region by its name, a path by its first source, a state by all before its parameters, a slot by its number.
+    // A region by its name, a path by its first source, a state by all before its parameters, a
+    // slot by its number.
     let key = |part: &str| {
         let words: Vec<&str> = part
             .split([' ', ',', ':'])

@@ -1,4 +1,5 @@
-//! The six steps of the tutorial: each is without complaint, passes its scenario, and drives along the line as far as the book says.
+//! The six steps of the tutorial: each is without complaint, passes its scenario, and drives along
+//! the line as far as the book says.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -15,7 +16,8 @@ use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
 use host_tools::world::{Point, World};
 
-/// How far from the line the robot's centre gets: at a sharp corner it goes on until the sensors ahead of it have been off the line for a while.
+/// How far from the line the robot's centre gets: at a sharp corner it goes on until the sensors
+/// ahead of it have been off the line for a while.
 const OFF_LINE_M: f64 = 0.12;
 
 /// A step of the tutorial.

@@ -1,4 +1,5 @@
-//! Telemetry on both boards: values are those of the plant, and cost neither slots nor answers anything, however full the wire.
+//! Telemetry on both boards: values are those of the plant, and cost neither slots nor answers
+//! anything, however full the wire.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -24,10 +25,12 @@ const BOARDS: [&str; 2] = ["host", "lm3s6965"];
 /// Robot time that is looked at.
 const UNTIL_US: u64 = 6_000_000;
 
-/// The longest that an answer may take, in the line's time: a part that has begun, the request, and the answer are 360 bytes, of which a byte takes 87 us, and each way waits for its exchange.
+/// The longest that an answer may take, in the line's time: a part that has begun, the request, and
+/// the answer are 360 bytes, of which a byte takes 87 us, and each way waits for its exchange.
 const LONGEST_ANSWER: Duration = Duration::from_millis(60);
 
-/// Looks at all values on the nets of `patrol`, of a robot whose line is full of all that it can send.
+/// Looks at all values on the nets of `patrol`, of a robot whose line is full of all that it can
+/// send.
 fn sampled(board: &str) {
     let world = load_world(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 3).unwrap();
@@ -87,7 +90,8 @@ fn sampled(board: &str) {
         longest < LONGEST_ANSWER,
         "{board}: an answer took {longest:?}"
     );
-    // The line has no room for all of it, so that some were dropped, and counted: those that came and those that did not are all macro steps.
+    // The line has no room for all of it, so that some were dropped, and counted: those that came
+    // and those that did not are all macro steps.
     let (first, last) = (samples.keys().next(), samples.keys().next_back());
     let steps = (last.unwrap() - first.unwrap()) / 20_000 + 1;
     // A part says what was dropped when it was sent, which is behind its own macro step.
@@ -100,7 +104,8 @@ fn sampled(board: &str) {
         dropped > 0 && samples.len() > 30,
         "{board}: {dropped} dropped"
     );
-    // Board and plant stand still while nobody asks for anything: the plant is where the robot believes to be.
+    // Board and plant stand still while nobody asks for anything: the plant is where the robot
+    // believes to be.
     let place = |name: &str| names.iter().position(|known| *known == name).unwrap();
     let numbers = |name: &str| -> Vec<f64> {
         let values = samples.values().next_back().unwrap()[place(name)].as_ref();
@@ -132,8 +137,8 @@ fn sampled(board: &str) {
         (battery_v - truth_v).abs() < 0.3,
         "{board}: {truth_v} V, {battery_v} V told"
     );
-    // Of eight sonars: range, age in hundredths of a second, and which of them are dead or deaf: none. One echo may
-    // have been lost, and each pings once in two windows of 40 ms.
+    // Of eight sonars: range, age in hundredths of a second, and which of them are dead or deaf:
+    // none. One echo may have been lost, and each pings once in two windows of 40 ms.
     let ranges = numbers("sonars/Listen.ranges");
     assert_eq!((ranges.len(), &ranges[16..]), (18, &[0.0, 0.0][..]));
     let ages_cs = &ranges[8..16];

@@ -1,7 +1,8 @@
 //! Warm swaps: what a machine takes over from the one before it.
 //!
-//! To the same machine a swap changes nothing, whatever it was doing. To another one, a plain implementation that compares paths as texts says what must be current, and a plain checker that the state is
-//! one that the machine could have come to.
+//! To the same machine a swap changes nothing, whatever it was doing. To another one, a plain
+//! implementation that compares paths as texts says what must be current, and a plain checker that
+//! the state is one that the machine could have come to.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -30,7 +31,8 @@ fn machine<'m>(blob: &[u8], arena: &'m mut Vec<u32>) -> Machine<'m> {
     Interpreter::with_reads(verified, arena).unwrap()
 }
 
-/// What a robot does in two steps: finds out what both have in common, whatever is current, and takes over.
+/// What a robot does in two steps: finds out what both have in common, whatever is current, and
+/// takes over.
 fn take_over(new: &mut Machine<'_>, old: &Machine<'_>) -> TakenOver {
     let mut table = vec![0xAAAA; usize::from(u16::MAX)];
     let mut pairing = Pairing::new(&mut table);

@@ -54,7 +54,8 @@ enum Needs {
     Nothing,
     /// This firmware of the default board.
     Firmware(&'static str),
-    /// The programs of the workspace in [`MACHINES_FOLDER`]. It makes their inputs and reads what they tell.
+    /// The programs of the workspace in [`MACHINES_FOLDER`]. It makes their inputs and reads what
+    /// they tell.
     Machines(Part),
 }
 
@@ -234,7 +235,8 @@ fn told(key: &str, value: &OsStr) -> OsString {
     argument
 }
 
-/// Builds the program that is measured on the host: with `prefix` [`CHECKED`], the one whose reads are checked.
+/// Builds the program that is measured on the host: with `prefix` [`CHECKED`], the one whose reads
+/// are checked.
 fn host_program(root: &Path, prefix: &str) -> Result<OsString, Failure> {
     let mut target = root.join(MACHINES_TARGET);
     let mut cargo = process::command(setup::host_cargo());
@@ -254,7 +256,8 @@ fn host_program(root: &Path, prefix: &str) -> Result<OsString, Failure> {
     Ok(told(&format!("{prefix}host"), program.as_os_str()))
 }
 
-/// Builds the program that measures `name`; returns where it is. It is not cargo that runs it: a failure of its own is told once.
+/// Builds the program that measures `name`; returns where it is. It is not cargo that runs it: a
+/// failure of its own is told once.
 fn built(root: &Path, profile: &str, package: &str, name: &str) -> Result<PathBuf, Failure> {
     let mut cargo = process::command(setup::host_cargo());
     cargo
@@ -286,7 +289,8 @@ fn executable(messages: &str) -> Option<PathBuf> {
     Some(PathBuf::from(path.replace("\\\\", "\\")))
 }
 
-/// Builds the machines that are compared, for the host and for the board; returns what the program that runs them is told.
+/// Builds the machines that are compared, for the host and for the board; returns what the program
+/// that runs them is told.
 fn machines(root: &Path, toolchain: &Toolchain) -> Result<Vec<OsString>, Failure> {
     let folder = root.join(MACHINES_FOLDER);
     let target = root.join(MACHINES_TARGET);

@@ -1,5 +1,5 @@
-//! `cargo xtask campaign`: tests of which each run of `cargo xtask test` does a small part, at full length. The book has
-//! what came of the last ones.
+//! `cargo xtask campaign`: tests of which each run of `cargo xtask test` does a small part, at full
+//! length. The book has what came of the last ones.
 
 use std::path::Path;
 use std::sync::Arc;

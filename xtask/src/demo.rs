@@ -15,13 +15,15 @@ const HOST_FOLDER: &str = "target/demo-host";
 /// Where what is done beside says what it does.
 const LOGS_FOLDER: &str = "target/demo-logs";
 
-/// Builds all that is needed, drives the robot through two missions, and tells where the pictures are.
+/// Builds all that is needed, drives the robot through two missions, and tells where the pictures
+/// are.
 ///
 /// # Errors
 /// [`Failure`]: what is missing, does not build, or did not go well.
 pub fn command(root: &Path, choice: Choice) -> Result<(), Failure> {
-    // Whatever is not there yet takes minutes, the first time. What moves comes as early as it can: for the robot on
-    // the host board the command is enough, which is built first and with both cores.
+    // Whatever is not there yet takes minutes, the first time. What moves comes as early as it can:
+    // for the robot on the host board the command is enough, which is built first and with both
+    // cores.
     println!("1/4 The command esm (the first time takes minutes)");
     let beside = |what, words: &[&str]| {
         let log = root.join(LOGS_FOLDER).join(format!("{}.log", words[0]));
@@ -73,7 +75,8 @@ fn drive_on_host(root: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Drives the robot through the two missions, with what was built before; returns where the pictures are.
+/// Drives the robot through the two missions, with what was built before; returns where the
+/// pictures are.
 ///
 /// # Errors
 /// [`Failure::Ended`] if the run did not go well.
@@ -84,7 +87,8 @@ pub fn drive(root: &Path) -> Result<PathBuf, Failure> {
     drive_into(root, DEMO_FOLDER, &world, &times)
 }
 
-/// Drives the firmware without features through two missions, over its UART, for it has no other line; returns where the summary is.
+/// Drives the firmware without features through two missions, over its UART, for it has no other
+/// line; returns where the summary is.
 ///
 /// # Errors
 /// [`Failure::Ended`] if the run did not go well.
@@ -95,7 +99,8 @@ pub fn drive_lean(root: &Path) -> Result<PathBuf, Failure> {
     drive_into(root, "target/demo-lean", &board, &times)
 }
 
-/// Drives from patrol on, on a board and for times; what comes of it goes into a folder below the checkout.
+/// Drives from patrol on, on a board and for times; what comes of it goes into a folder below the
+/// checkout.
 fn drive_into(
     root: &Path,
     folder: &str,

@@ -1,4 +1,5 @@
-//! The little of the ELF format that sizes need: sections and symbols of a 32-bit little-endian file.
+//! The little of the ELF format that sizes need: sections and symbols of a 32-bit little-endian
+//! file.
 
 /// A section that takes memory on the board.
 #[derive(Clone, Debug)]

@@ -22,7 +22,8 @@ pub const DEFAULT_BIN: &str = "rover";
 /// The firmware with tasks that misbehave, for the tests.
 pub const FAULTS_BIN: &str = "faults";
 
-/// The firmware that counts instructions of macro steps, for a test and for `cargo xtask bench bound`.
+/// The firmware that counts instructions of macro steps, for a test and for
+/// `cargo xtask bench bound`.
 pub const BOUND_BIN: &str = "bench_bound";
 
 /// The example of a robot outside the workspace, and its firmware.
@@ -47,7 +48,8 @@ const FIRMWARE_FOLDER: &str = concat!("target/firmware/", default_board!());
 /// The default firmware without its features, below the checkout.
 pub const LEAN_FILE: &str = concat!("target/firmware/", default_board!(), "/rover-lean.elf");
 
-/// Where cargo builds it: one folder for the board and the example, which have most crates in common.
+/// Where cargo builds it: one folder for the board and the example, which have most crates in
+/// common.
 pub const BUILD_FOLDER: &str = "target/firmware-build";
 
 /// Builds the board's `bins` with a profile of its `Cargo.toml`; returns where each ELF file is.
@@ -88,7 +90,8 @@ pub fn build_example(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>,
     build_robot(root, &root.join(EXAMPLE_FOLDER), toolchain, &bins)
 }
 
-/// Builds the firmware of a robot outside the workspace, whose folder is like the example's; returns where each ELF file is.
+/// Builds the firmware of a robot outside the workspace, whose folder is like the example's;
+/// returns where each ELF file is.
 ///
 /// # Errors
 /// [`Failure`]: what did not build.

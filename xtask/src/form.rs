@@ -1,6 +1,8 @@
-//! Widths of lines: code and comments of `.rs` files, prose of `.md` files. `rustfmt` leaves long comments alone.
+//! Widths of lines: code and comments of `.rs` files, prose of `.md` files. `rustfmt` leaves long
+//! comments alone.
 //!
-//! Files that are too wide today stand in a list with how many such lines they have. No file gets wider.
+//! Files that are too wide today stand in a list with how many such lines they have. No file gets
+//! wider.
 
 use std::collections::BTreeMap;
 use std::io::ErrorKind;

@@ -1,4 +1,5 @@
-//! `cargo xtask fuzz`: the functions of `esm_tests::fuzzing` under libFuzzer, which looks for inputs that reach new code.
+//! `cargo xtask fuzz`: the functions of `esm_tests::fuzzing` under libFuzzer, which looks for
+//! inputs that reach new code.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -22,7 +23,8 @@ const FINDINGS_FOLDER: &str = "target/fuzz/findings";
 /// How long each target runs if nothing is said.
 pub const DEFAULT_MINUTES: u32 = 5;
 
-/// An input may be this long, take this long and this much memory; one that takes more is a finding.
+/// An input may be this long, take this long and this much memory; one that takes more is a
+/// finding.
 const MAX_INPUT_BYTES: u32 = 8_192;
 const INPUT_LIMIT_SECONDS: u32 = 20;
 const MEMORY_LIMIT_MB: u32 = 2_048;
@@ -42,7 +44,8 @@ struct Run {
 }
 
 impl Run {
-    /// Takes what a line of libFuzzer's says. Returns whether it is one that says how far it has come.
+    /// Takes what a line of libFuzzer's says. Returns whether it is one that says how far it has
+    /// come.
     fn take(&mut self, line: &str) -> bool {
         if let Some((_, path)) = line.split_once("Test unit written to ") {
             self.finding = Some(PathBuf::from(path.trim()));
@@ -121,7 +124,8 @@ fn targets(root: &Path) -> Result<Vec<String>, Failure> {
     Ok(names)
 }
 
-/// Finds or installs what fuzzing needs beyond cargo: libFuzzer comes as C++ source, and `cargo-fuzz` builds with the right flags.
+/// Finds or installs what fuzzing needs beyond cargo: libFuzzer comes as C++ source, and
+/// `cargo-fuzz` builds with the right flags.
 fn tools() -> Result<(), Failure> {
     if find_program("c++").is_none() {
         setup::install("a C++ compiler for libFuzzer", &["g++"])?;
@@ -135,11 +139,14 @@ fn tools() -> Result<(), Failure> {
     Ok(())
 }
 
-/// `cargo fuzz` for a target. The sanitizers look for what only `unsafe` code can do wrong, and cost half the speed: there is none here. Watching what
-/// is compared with what costs as much again; a dictionary, decisions, and repaired magic and CRC lead past the comparisons that chance would not.
+/// `cargo fuzz` for a target. The sanitizers look for what only `unsafe` code can do wrong, and
+/// cost half the speed: there is none here. Watching what is compared with what costs as much
+/// again; a dictionary, decisions, and repaired magic and CRC lead past the comparisons that chance
+/// would not.
 fn cargo_fuzz(root: &Path, verb: &str, target: &str) -> Command {
     let mut cargo = command(host_cargo());
-    // The variable lets a stable compiler take the flags for coverage counters, should it count them as unstable.
+    // The variable lets a stable compiler take the flags for coverage counters, should it count
+    // them as unstable.
     cargo
         .current_dir(root)
         .env("RUSTC_BOOTSTRAP", "1")

@@ -1,5 +1,7 @@
-//! Engines that read a chart when they start, for `cargo xtask bench`: their programs stand in `benches/interpreters`, and what they need comes from the
-//! registries of their languages to a folder below `target`, nothing of it into the system. Where that cannot be, they are left out with a reason.
+//! Engines that read a chart when they start, for `cargo xtask bench`: their programs stand in
+//! `benches/interpreters`, and what they need comes from the registries of their languages to a
+//! folder below `target`, nothing of it into the system. Where that cannot be, they are left out
+//! with a reason.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};

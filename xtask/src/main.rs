@@ -1,7 +1,9 @@
-//! The project's own commands: `cargo xtask demo`, `test`, `bench`, `fuzz`, `firmware`, `size`, `setup`.
+//! The project's own commands: `cargo xtask demo`, `test`, `bench`, `fuzz`, `firmware`, `size`,
+//! `setup`.
 //!
-//! What needs the network, root or minutes is told before it is done. What cannot be done ends with the exact command that would.
-//! There are no dependencies, so that the first command on a fresh machine starts at once.
+//! What needs the network, root or minutes is told before it is done. What cannot be done ends with
+//! the exact command that would. There are no dependencies, so that the first command on a fresh
+//! machine starts at once.
 
 mod bench;
 mod campaign;
@@ -203,8 +205,8 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
 /// What a checkout has below its top and nobody else does.
 const CHECKOUT_MARK: &str = "xtask/src/main.rs";
 
-/// The top of the checkout that this is run in. It need not be the one that this was compiled in: cargo does not build
-/// again what was copied or moved together with its `target` folder.
+/// The top of the checkout that this is run in. It need not be the one that this was compiled in:
+/// cargo does not build again what was copied or moved together with its `target` folder.
 fn root() -> Result<PathBuf, Failure> {
     let folder = std::env::current_dir().map_err(|cause| Failure::File {
         path: ".".into(),

@@ -124,7 +124,8 @@ fn esm(root: &Path, arguments: &[&PathBuf]) -> Result<String, Failure> {
             "--",
         ])
         .args(arguments);
-    // Its warnings are not what is asked for; its errors are told by its status, and again by `esm check`.
+    // Its warnings are not what is asked for; its errors are told by its status, and again by
+    // `esm check`.
     process::printed(&mut cargo, true)
 }
 

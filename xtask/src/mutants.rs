@@ -158,8 +158,8 @@ fn build(root: &Path, path: &Path, table: &Table) -> Result<PathBuf, Failure> {
     })
 }
 
-/// Tests that mutants name must be there. That they pass without a mutant is seen where all tests of
-/// the package are run.
+/// Tests that mutants name must be there. That they pass without a mutant is seen where all tests
+/// of the package are run.
 fn check_tests(program: &Path, path: &Path, mutants: &[(usize, &Mutant)]) -> Result<(), Failure> {
     let listed = process::printed(process::command(program).arg("--list"), true)?;
     let tests: Vec<&str> = (listed.lines())

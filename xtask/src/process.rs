@@ -79,7 +79,8 @@ pub enum Failure {
 }
 
 impl Failure {
-    /// The exit status that tells of it: 1 where what was checked is not so, 2 where this program was called wrongly, 3 where something outside failed.
+    /// The exit status that tells of it: 1 where what was checked is not so, 2 where this program
+    /// was called wrongly, 3 where something outside failed.
     pub fn status(&self) -> u8 {
         match self {
             Failure::Usage(_) => 2,
@@ -133,8 +134,9 @@ impl fmt::Display for Failure {
     }
 }
 
-/// A command for `program` that ends with this process, whatever ends it. (A terminal's Ctrl-C reaches both by itself; `setpriv`, where it is
-/// installed, has the system end the child if only this process is ended.)
+/// A command for `program` that ends with this process, whatever ends it. (A terminal's Ctrl-C
+/// reaches both by itself; `setpriv`, where it is installed, has the system end the child if only
+/// this process is ended.)
 pub fn command(program: impl AsRef<OsStr>) -> Command {
     if find_program("setpriv").is_none() {
         return Command::new(program);
@@ -194,7 +196,8 @@ pub fn run(command: &mut Command) -> Result<(), Failure> {
     }
 }
 
-/// What `command` prints to standard output. The rest goes to this process's terminal, unless `quiet`.
+/// What `command` prints to standard output. The rest goes to this process's terminal, unless
+/// `quiet`.
 ///
 /// # Errors
 /// [`Failure::Start`], [`Failure::Ended`].
@@ -234,7 +237,8 @@ pub fn output(command: &mut Command) -> Option<String> {
         .then(|| String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// Runs `command` for at most `limit`; whether it ended well in that time. One that did not end is ended.
+/// Runs `command` for at most `limit`; whether it ended well in that time. One that did not end is
+/// ended.
 pub fn run_within(command: &mut Command, limit: Duration) -> bool {
     const LOOK_INTERVAL: Duration = Duration::from_millis(50);
     let Ok(mut child) = command.stdin(Stdio::null()).spawn() else {
@@ -333,7 +337,8 @@ impl Beside {
 
 impl Drop for Beside {
     fn drop(&mut self) {
-        // Asked, so that it ends what it has started itself. One that has ended is no reason to fail.
+        // Asked, so that it ends what it has started itself. One that has ended is no reason to
+        // fail.
         if let Ok(None) = self.child.try_wait() {
             let process = self.child.id().to_string();
             let _ = Command::new("kill").args(["-TERM", &process]).status();

@@ -23,7 +23,8 @@ pub fn find() -> Option<PathBuf> {
     process::output(command(&python).args(["-c", "import venv, ensurepip"])).map(|_| python)
 }
 
-/// Installs the client and what it needs into an environment, and runs its tests against the vectors and against the host board of `esm`.
+/// Installs the client and what it needs into an environment, and runs its tests against the
+/// vectors and against the host board of `esm`.
 ///
 /// # Errors
 /// What did not work, or took too long.

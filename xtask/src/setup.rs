@@ -1,4 +1,5 @@
-//! Finding or installing what building and running firmware needs: emulator, a compiler with a core library for the board, linker.
+//! Finding or installing what building and running firmware needs: emulator, a compiler with a core
+//! library for the board, linker.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -12,7 +13,8 @@ const EMULATOR: (&str, &str) = ("qemu-system-arm", "qemu-system-arm");
 /// What counts instructions on the host, and its package in Debian.
 const VALGRIND: &str = "valgrind";
 
-/// What the boards' cores run: the default board's, and the smaller one that the libraries must also compile for.
+/// What the boards' cores run: the default board's, and the smaller one that the libraries must
+/// also compile for.
 pub const BOARD_TARGET: &str = "thumbv7m-none-eabi";
 /// The core that machines are measured on, where the compiler has a library for it.
 const MEASURED_TARGET: &str = "thumbv7em-none-eabi";
@@ -25,10 +27,12 @@ pub const PAGE_TARGET: &str = "wasm32-unknown-unknown";
 /// The oldest compiler that the project's code is for; the workspace's `rust-version`.
 const OLDEST_RUSTC: (u32, u32) = (1, 95);
 
-/// How long `rustup target add` may take. Where its server is out of reach it would try for minutes.
+/// How long `rustup target add` may take. Where its server is out of reach it would try for
+/// minutes.
 const RUSTUP_LIMIT: Duration = Duration::from_secs(30);
 
-/// Debian's packages of the compiler, by release: backported for browsers in the stable releases, plain in the newer ones.
+/// Debian's packages of the compiler, by release: backported for browsers in the stable releases,
+/// plain in the newer ones.
 const DEBIAN_PACKAGES: [[&str; 3]; 2] = [
     ["rustc-web", "cargo-web", "rust-web-src"],
     ["rustc", "cargo", "rust-src"],
@@ -114,13 +118,15 @@ impl Toolchain {
             }
             Toolchain::Debian { linker } => {
                 cargo = command(DEBIAN_CARGO);
-                // A core library from source is compiled like the firmware, for size: copying and clearing memory would
-                // go byte by byte. The one that rustup gives is compiled for speed.
+                // A core library from source is compiled like the firmware, for size: copying and
+                // clearing memory would go byte by byte. The one that rustup gives is compiled for
+                // speed.
                 for package in ["core", "compiler_builtins"] {
                     let setting = format!("profile.release.package.{package}.opt-level=3");
                     cargo.args(["--config", &setting]);
                 }
-                // RUSTC_BOOTSTRAP lets a stable compiler take `-Zbuild-std`. What rustup's cargo set for its children would mislead this one.
+                // RUSTC_BOOTSTRAP lets a stable compiler take `-Zbuild-std`. What rustup's cargo
+                // set for its children would mislead this one.
                 cargo
                     .env("RUSTC_BOOTSTRAP", "1")
                     .env("RUSTC", DEBIAN_RUSTC)
@@ -134,8 +140,9 @@ impl Toolchain {
         cargo
     }
 
-    /// The target of programs that are measured on a Cortex-M4: its own where there is a core library for it, and else the board's, whose core has the same
-    /// instructions but for those of signal processing. Both are told to make code for a Cortex-M4.
+    /// The target of programs that are measured on a Cortex-M4: its own where there is a core
+    /// library for it, and else the board's, whose core has the same instructions but for those of
+    /// signal processing. Both are told to make code for a Cortex-M4.
     pub fn measured_core(&self) -> &'static str {
         match self {
             // Built from source.
@@ -155,7 +162,8 @@ impl Toolchain {
         version.trim().to_owned()
     }
 
-    /// Further arguments of a cargo command outside the boards' folders, whose own settings have them.
+    /// Further arguments of a cargo command outside the boards' folders, whose own settings have
+    /// them.
     pub fn core_from_source(&self) -> &'static [&'static str] {
         match self {
             Toolchain::Rustup => &[],
@@ -171,7 +179,8 @@ impl Toolchain {
         }
     }
 
-    /// Whether the lints can be run on firmware: they need the lint driver and a core library of one compiler.
+    /// Whether the lints can be run on firmware: they need the lint driver and a core library of
+    /// one compiler.
     pub fn has_clippy(&self) -> bool {
         match self {
             Toolchain::Rustup => true,
@@ -250,7 +259,8 @@ pub fn small_target(toolchain: &Toolchain) -> Result<(), Failure> {
     }
 }
 
-/// A compiler that checks the library without an operating system: rustup's if its target is there or can be had, else Debian's.
+/// A compiler that checks the library without an operating system: rustup's if its target is there
+/// or can be had, else Debian's.
 ///
 /// # Errors
 /// [`Failure::Missing`] with the command that installs it.
@@ -362,7 +372,8 @@ fn find_linker() -> Option<PathBuf> {
     })
 }
 
-/// The package of the linker: Debian's `rust-lld` is a link to the `lld` of the LLVM that its compiler was built with, in a package of that name.
+/// The package of the linker: Debian's `rust-lld` is a link to the `lld` of the LLVM that its
+/// compiler was built with, in a package of that name.
 fn linker_package() -> String {
     std::fs::read_link("/usr/bin/rust-lld")
         .ok()
@@ -417,7 +428,8 @@ impl Apt {
     }
 }
 
-/// What to put before a command that needs root; `None` if this user cannot become root without being asked for a password.
+/// What to put before a command that needs root; `None` if this user cannot become root without
+/// being asked for a password.
 fn root_prefix() -> Option<&'static [&'static str]> {
     if output(Command::new("id").arg("-u"))?.trim() == "0" {
         return Some(&[]);

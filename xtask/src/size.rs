@@ -1,8 +1,10 @@
-//! `cargo xtask size`: flash and RAM of the firmware, part by part, and what missions take, against the sizes that the repository keeps.
+//! `cargo xtask size`: flash and RAM of the firmware, part by part, and what missions take, against
+//! the sizes that the repository keeps.
 //!
-//! The totals are the file's sections. Interpreter, verifier and dispatcher are measured as the difference of two linked images, one of which has
-//! them and does nothing else. How the rest divides up is read from the symbols' names: link-time optimisation inlines across crates, so
-//! a small function may count for the part that calls it.
+//! The totals are the file's sections. Interpreter, verifier and dispatcher are measured as the
+//! difference of two linked images, one of which has them and does nothing else. How the rest
+//! divides up is read from the symbols' names: link-time optimisation inlines across crates, so a
+//! small function may count for the part that calls it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -62,8 +64,9 @@ fn number(root: &Path, section: &str, key: &str) -> Result<u32, Failure> {
         })
 }
 
-/// The rows that every compiler must come close to. How code divides up among the parts depends on what a compiler inlines, so the
-/// other rows are compared only where the compiler is the one that the expected sizes are of.
+/// The rows that every compiler must come close to. How code divides up among the parts depends on
+/// what a compiler inlines, so the other rows are compared only where the compiler is the one that
+/// the expected sizes are of.
 const FOR_EVERY_COMPILER: [&str; 2] = [INTERPRETER_ALONE, WHOLE];
 const INTERPRETER_ALONE: &str = "interpreter to dispatcher alone";
 const WHOLE: &str = "whole firmware";
@@ -71,8 +74,8 @@ const WHOLE: &str = "whole firmware";
 /// How the expected sizes name their compiler.
 const COMPILER_LINE: &str = "# compiler: ";
 
-/// Sizes may differ from the expected ones by one part in this many, or by [`TOLERANCE_BYTES`] where that is more: compilers
-/// differ that much from one release to the next.
+/// Sizes may differ from the expected ones by one part in this many, or by [`TOLERANCE_BYTES`]
+/// where that is more: compilers differ that much from one release to the next.
 const TOLERANCE_PART: u32 = 20;
 /// See [`TOLERANCE_PART`].
 const TOLERANCE_BYTES: u32 = 128;
@@ -80,7 +83,8 @@ const TOLERANCE_BYTES: u32 = 128;
 /// The file of the expected sizes, in the board's folder.
 const EXPECTED_FILE: &str = "expected-size.txt";
 
-/// What the app's macro makes, by what the names contain: handlers that have their side inlined, and the memory of each side.
+/// What the app's macro makes, by what the names contain: handlers that have their side inlined,
+/// and the memory of each side.
 const APP_PARTS: [(&str, &str); 9] = [
     ("TIMER_0A", "runtime"),
     ("SSI0", "link"),
@@ -149,7 +153,8 @@ const PARTS: [(&str, &[&str]); 9] = [
     ("arithmetic", &["4libm", "17compiler_builtins", "__aeabi"]),
     ("core", &["4core"]),
 ];
-/// Symbols without a part, and bytes without a symbol: constants (the texts of the tasks' declarations most of all), padding.
+/// Symbols without a part, and bytes without a symbol: constants (the texts of the tasks'
+/// declarations most of all), padding.
 const REST: &str = "other";
 
 /// Bytes of one part.
@@ -186,7 +191,8 @@ type Table = BTreeMap<String, Row>;
 /// Prints the sizes, and compares them with the expected ones or keeps them.
 ///
 /// # Errors
-/// [`Failure::Checks`] if a limit or a tolerance is exceeded, another [`Failure`] if the firmware does not build.
+/// [`Failure::Checks`] if a limit or a tolerance is exceeded, another [`Failure`] if the firmware
+/// does not build.
 pub fn command(root: &Path, toolchain: &Toolchain, write: bool) -> Result<(), Failure> {
     let mut files = firmware::build_lean(root, toolchain)?;
     files.extend(firmware::build(
@@ -308,7 +314,8 @@ fn images(files: &[PathBuf]) -> Result<Vec<Image>, Failure> {
     files.iter().map(image).collect()
 }
 
-/// Compares the deepest stack of a run, which its summary tells, with what the limits in a section of `board.toml` leave room for.
+/// Compares the deepest stack of a run, which its summary tells, with what the limits in a section
+/// of `board.toml` leave room for.
 ///
 /// # Errors
 /// [`Failure::Content`] if the stack was deeper, or the summary does not tell.
@@ -430,7 +437,8 @@ fn render(table: &Table, missions: &missions::Table, compiler: &str) -> String {
     text + &missions::render(missions)
 }
 
-/// The rows that are not as expected, as they were and as they are; what differs less than the tolerance is among them.
+/// The rows that are not as expected, as they were and as they are; what differs less than the
+/// tolerance is among them.
 fn changes(expected: &str, now: &str) -> String {
     let mut text = String::new();
     for (sign, lines, others) in [('-', expected, now), ('+', now, expected)] {

@@ -1,4 +1,5 @@
-//! What was checked, and how it went: steps with their times, tests counted one by one, and parts that run beside in a process of their own.
+//! What was checked, and how it went: steps with their times, tests counted one by one, and parts
+//! that run beside in a process of their own.
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
@@ -89,7 +90,8 @@ impl Tally {
         println!("\n== {name}: left out: {reason}");
     }
 
-    /// Starts the part `part` of the checks in a process of its own, which writes what it says to `log`. [`Tally::join`] must be called for it.
+    /// Starts the part `part` of the checks in a process of its own, which writes what it says to
+    /// `log`. [`Tally::join`] must be called for it.
     ///
     /// # Errors
     /// [`Failure::File`], [`Failure::Start`].
@@ -125,7 +127,8 @@ impl Tally {
         let before = lines[..end.unwrap_or(0)].iter().rev();
         let failures = before.map_while(|line| line.strip_prefix(FAILED));
         self.failures.extend(failures.map(str::to_owned));
-        // A part that counted failures ends so. One that ends so without any has broken down, whatever it had counted.
+        // A part that counted failures ends so. One that ends so without any has broken down,
+        // whatever it had counted.
         let is_good = status.as_ref().is_ok_and(|status| status.success());
         if counted.is_none() || (failed == 0 && !is_good) {
             self.step(beside.part, || {

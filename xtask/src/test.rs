@@ -40,7 +40,8 @@ pub struct Selection<'a> {
 
 /// Runs checks.
 ///
-/// Of all of them two parts at a time run side by side, where one is mostly for the compiler, or waits for emulators: the machine has two cores at least.
+/// Of all of them two parts at a time run side by side, where one is mostly for the compiler, or
+/// waits for emulators: the machine has two cores at least.
 ///
 /// # Errors
 /// [`Failure::Checks`] if one did not hold, [`Failure::Usage`] for an unknown part.
@@ -131,7 +132,8 @@ fn builds(root: &Path, choice: Choice, tally: &mut Tally) {
     }
 }
 
-/// What drives robots, on the host and in the emulator: the demo, and the tests of the whole. Needs what [`builds`] makes.
+/// What drives robots, on the host and in the emulator: the demo, and the tests of the whole. Needs
+/// what [`builds`] makes.
 fn robots(root: &Path, tally: &mut Tally) {
     match python::find() {
         Some(python) => tally.step("the link's client in Python", || {
@@ -158,7 +160,8 @@ fn robots(root: &Path, tally: &mut Tally) {
     );
 }
 
-/// Tests of each library for itself, of the machines that the interpreter is compared with, and of a robot outside the workspace.
+/// Tests of each library for itself, of the machines that the interpreter is compared with, and of
+/// a robot outside the workspace.
 fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
     tally.tests(
         "tests of the libraries",
@@ -316,8 +319,9 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
     );
 }
 
-/// A robot of a user's own, outside the workspace: where it stands, and, as the book says it, in a copy elsewhere with one
-/// line changed. There its firmware is built, and its tests are run, which drive its mission on the host and in the emulator.
+/// A robot of a user's own, outside the workspace: where it stands, and, as the book says it, in a
+/// copy elsewhere with one line changed. There its firmware is built, and its tests are run, which
+/// drive its mission on the host and in the emulator.
 fn example_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
     let target = root.join("target");
     tally.step("my_robot: where it stands", || {
@@ -349,7 +353,8 @@ fn example_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
 struct Copy(PathBuf);
 
 impl Copy {
-    /// Copies the example, and lets the copy find the framework: the one line that names it is changed.
+    /// Copies the example, and lets the copy find the framework: the one line that names it is
+    /// changed.
     fn of_the_example(root: &Path) -> Result<Self, Failure> {
         let name = format!("esm-{EXAMPLE_BIN}-{}", std::process::id());
         let copy = Copy(std::env::temp_dir().join(name));

@@ -1,4 +1,5 @@
-//! Which checkout the program works on: the one around its working directory, wherever it was compiled.
+//! Which checkout the program works on: the one around its working directory, wherever it was
+//! compiled.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -18,7 +19,8 @@ fn said(folder: &Path, arguments: &[&str]) -> (String, Option<i32>) {
 #[test]
 fn it_works_on_the_checkout_around_the_working_directory() {
     let copy = Folder::checkout("copy");
-    // The list of fuzz targets is that of this checkout, and not of the one that this test was compiled in.
+    // The list of fuzz targets is that of this checkout, and not of the one that this test was
+    // compiled in.
     copy.write("fuzz/fuzz_targets/only_here.rs", "");
     copy.write("missions/deep/below/m.esm", "");
     for folder in [&copy.0, &copy.0.join("missions/deep/below")] {

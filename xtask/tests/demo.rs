@@ -1,5 +1,5 @@
-//! What somebody sees who types `cargo xtask demo` in a fresh checkout. Cargo, rustup, the emulator and `esm` are scripts
-//! that take as long as they are told and write down when they are started.
+//! What somebody sees who types `cargo xtask demo` in a fresh checkout. Cargo, rustup, the emulator
+//! and `esm` are scripts that take as long as they are told and write down when they are started.
 
 #![cfg(unix)]
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
@@ -19,7 +19,8 @@ const BUILD_S: &str = "2";
 /// Longer than anything here takes, on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A fresh checkout with scripts for all that the demo starts; they note what they do in the file `events`.
+/// A fresh checkout with scripts for all that the demo starts; they note what they do in the file
+/// `events`.
 fn fresh(name: &str) -> Folder {
     let checkout = Folder::checkout(name);
     let script = |name: &str, text: &str| {
@@ -105,7 +106,8 @@ fn it_says_at_once_what_it_does_and_something_moves_before_the_firmware_is_built
         let found = events.find(what);
         found.unwrap_or_else(|| panic!("no {what}: {events}"))
     };
-    // Set-up goes on beside the first build, and the robot on the host board waits for that build alone.
+    // Set-up goes on beside the first build, and the robot on the host board waits for that build
+    // alone.
     assert!(place("command begins") < place("set-up done"), "{events}");
     assert!(
         place("esm run missions/patrol.esm --world") < place("firmware"),

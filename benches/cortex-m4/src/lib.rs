@@ -1,7 +1,8 @@
 //! Measuring on the emulated board: a timer that counts instructions, and the emulator's console.
 //!
-//! The emulator gives each instruction the same time (`-icount`), many ticks of the board's timer: so differences of the timer are
-//! instructions, exactly. Lines of the output are `row NAME EVENTS TICKS` and `tell NAME NUMBERS`.
+//! The emulator gives each instruction the same time (`-icount`), many ticks of the board's timer:
+//! so differences of the timer are instructions, exactly. Lines of the output are
+//! `row NAME EVENTS TICKS` and `tell NAME NUMBERS`.
 #![no_std]
 
 mod timer;

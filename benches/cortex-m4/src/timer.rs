@@ -18,7 +18,8 @@ impl Timer {
     /// Starts it.
     #[must_use]
     pub fn start() -> Self {
-        // SAFETY: the addresses are the timer's registers on the only board that this is for; they are words, aligned, and may be written at any time.
+        // SAFETY: the addresses are the timer's registers on the only board that this is for; they
+        // are words, aligned, and may be written at any time.
         unsafe {
             write_volatile(RELOAD, u32::MAX);
             write_volatile(VALUE, u32::MAX);

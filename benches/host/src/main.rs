@@ -1,6 +1,7 @@
-//! The machines on the host. `bench-host FOLDER count` is to be run under callgrind, which writes the instructions of each call of [`counted`] to a file;
-//! `bench-host FOLDER time` measures itself. The folder holds the plan and the missions. A line of the output is `row NAME EVENTS [NANOSECONDS]...` or
-//! `tell NAME NUMBERS`.
+//! The machines on the host. `bench-host FOLDER count` is to be run under callgrind, which writes
+//! the instructions of each call of [`counted`] to a file; `bench-host FOLDER time` measures
+//! itself. The folder holds the plan and the missions. A line of the output is
+//! `row NAME EVENTS [NANOSECONDS]...` or `tell NAME NUMBERS`.
 
 use std::fs;
 use std::hint::black_box;
@@ -15,7 +16,8 @@ use bench_machines::{
 /// Words for machines, more than any mission needs.
 const ARENA_WORDS: usize = 1 << 16;
 
-/// What callgrind counts in is this function, and when it returns, callgrind writes down what it counted.
+/// What callgrind counts in is this function, and when it returns, callgrind writes down what it
+/// counted.
 #[inline(never)]
 #[unsafe(no_mangle)]
 #[expect(unsafe_code, reason = "a name that callgrind's options can say")]
@@ -62,7 +64,8 @@ struct Time;
 
 impl Meter for Time {
     fn measure(&mut self, row: &str, events: usize, mut work: impl FnMut()) {
-        /// How long one measurement takes, and how many there are. All are told: what disturbs only makes longer.
+        /// How long one measurement takes, and how many there are. All are told: what disturbs only
+        /// makes longer.
         const LONG_ENOUGH: Duration = Duration::from_millis(4);
         const MEASUREMENTS: usize = 10;
         let mut times = 1_u32;

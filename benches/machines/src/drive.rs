@@ -1,4 +1,5 @@
-//! Running missions that a plan names. A line of the plan is `ROW DRIVE MISSION`: the row's name, what is done, and the mission's number.
+//! Running missions that a plan names. A line of the plan is `ROW DRIVE MISSION`: the row's name,
+//! what is done, and the mission's number.
 
 use esm_core::{Interpreter, verify};
 
@@ -12,7 +13,8 @@ pub enum Drive {
     Script,
     /// Macro steps while nothing changes.
     Still,
-    /// Macro steps before each of which a flag changes that nothing looks at: the interpreter cannot know that nothing is to be done.
+    /// Macro steps before each of which a flag changes that nothing looks at: the interpreter
+    /// cannot know that nothing is to be done.
     Stirred,
     /// Changes of a flag alone.
     Set,

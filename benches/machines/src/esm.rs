@@ -1,11 +1,12 @@
-//! The player as a mission that the interpreter runs. A button is a flag of the panel's task: the pulse turns it into an event, and the event moves the
-//! player, both in one macro step.
+//! The player as a mission that the interpreter runs. A button is a flag of the panel's task: the
+//! pulse turns it into an event, and the event moves the player, both in one macro step.
 
 use esm_core::{Interpreter, Observer, TransitionTaken};
 
 use crate::{Button, Counters, Player};
 
-/// Transitions that are told apart: those whose places leave the same remainder are counted together.
+/// Transitions that are told apart: those whose places leave the same remainder are counted
+/// together.
 pub const TRANSITIONS: usize = 64;
 
 /// Counts of transitions, by their place in the mission's tables.

@@ -1,10 +1,13 @@
-//! One CD player, written for each of the engines that are compared, and what drives and measures them, on the host and on a board alike.
+//! One CD player, written for each of the engines that are compared, and what drives and measures
+//! them, on the host and on a board alike.
 //!
-//! The chart is the composite CD player of Boost.SML's benchmark: a drawer, a disc, and three songs inside `Playing`. An engine gets one event at a
-//! time from [`SCRIPT`]; what it does about it is an action, which is an opaque call that counts in a volatile cell. So nothing of the machine can be
-//! optimised away, and the counts tell afterwards whether it was the same machine.
+//! The chart is the composite CD player of Boost.SML's benchmark: a drawer, a disc, and three songs
+//! inside `Playing`. An engine gets one event at a time from [`SCRIPT`]; what it does about it is
+//! an action, which is an opaque call that counts in a volatile cell. So nothing of the machine can
+//! be optimised away, and the counts tell afterwards whether it was the same machine.
 //!
-//! [`drive`] runs compiled missions; the other modules are one engine each. How much is measured by what is a [`Meter`]'s business.
+//! [`drive`] runs compiled missions; the other modules are one engine each. How much is measured by
+//! what is a [`Meter`]'s business.
 #![no_std]
 
 #[cfg(test)]
@@ -139,7 +142,8 @@ pub trait Player {
 
 /// Measures work, and tells.
 pub trait Meter {
-    /// Does `work`, which handles `events` events, and notes what it took under `row`. It is done as often as the meter wants.
+    /// Does `work`, which handles `events` events, and notes what it took under `row`. It is done
+    /// as often as the meter wants.
     fn measure(&mut self, row: &str, events: usize, work: impl FnMut());
 
     /// The same for work that can only be done once.
@@ -171,7 +175,8 @@ pub fn pass(player: &mut impl Player) {
 /// Events that nothing waits for, to measure how quickly an engine finds that out.
 const IDLE_EVENTS: usize = 16;
 
-/// Measures a player: the script, and events that it does not wait for; `cd51-NAME`, `idle-event-NAME`.
+/// Measures a player: the script, and events that it does not wait for; `cd51-NAME`,
+/// `idle-event-NAME`.
 pub fn play<P: Player>(
     meter: &mut impl Meter,
     [script_row, idle_row]: [&str; 2],

@@ -1,4 +1,5 @@
-//! The player for [rust-fsm](https://docs.rs/rust-fsm): a flat Mealy machine. A transition gives an output, and who drives the machine acts on it.
+//! The player for [rust-fsm](https://docs.rs/rust-fsm): a flat Mealy machine. A transition gives an
+//! output, and who drives the machine acts on it.
 
 use ::rust_fsm::state_machine;
 

@@ -1,5 +1,5 @@
-//! The player for [smlang](https://docs.rs/smlang): a flat table of transitions, so the songs are states beside the others, and what leaves `Playing` stands
-//! for all three.
+//! The player for [smlang](https://docs.rs/smlang): a flat table of transitions, so the songs are
+//! states beside the others, and what leaves `Playing` stands for all three.
 
 use smlang::statemachine;
 

@@ -1,17 +1,23 @@
-//! The RTIC app, as a macro: RTIC generates a program for the types that it is given, so it cannot be generic over the robot.
+//! The RTIC app, as a macro: RTIC generates a program for the types that it is given, so it cannot
+//! be generic over the robot.
 
 /// Makes the firmware of a robot: `main`, the interrupt handlers, and the memory of all of it.
 ///
-/// `robot` is the registry's type, with the function that builds it from the pins (a `fn(Parts<'static>) -> Robot`); `firmware` is the name and version that
-/// the robot tells of itself, in at most 40 bytes.
+/// `robot` is the registry's type, with the function that builds it from the pins (a
+/// `fn(Parts<'static>) -> Robot`); `firmware` is the name and version that the robot tells of
+/// itself, in at most 40 bytes.
 ///
-/// `emergency_stop` is the button of one, if the robot has it: the type of an input that is low while it is pressed (embedded-hal's `InputPin`), with what gives it. It stops
-/// the robot whatever the mission does and whether or not a host is there, until it is released. Without it nothing of a button is in the firmware.
+/// `emergency_stop` is the button of one, if the robot has it: the type of an input that is low
+/// while it is pressed (embedded-hal's `InputPin`), with what gives it. It stops the robot whatever
+/// the mission does and whether or not a host is there, until it is released. Without it nothing of
+/// a button is in the firmware.
 ///
-/// `safe_default` are the bytes of a mission that `esm build` has made: what the robot does if its flash has no mission that may run. Without it, it does nothing then.
+/// `safe_default` are the bytes of a mission that `esm build` has made: what the robot does if its
+/// flash has no mission that may run. Without it, it does nothing then.
 ///
-/// A firmware of another kind, such as a benchmark, names besides what its slots run on (a [`Board`](rt_firmware::Board), with the function that builds it
-/// from this crate's), the memory of its runtime, and how many slots that has.
+/// A firmware of another kind, such as a benchmark, names besides what its slots run on (a
+/// [`Board`](rt_firmware::Board), with the function that builds it from this crate's), the memory
+/// of its runtime, and how many slots that has.
 #[macro_export]
 macro_rules! app {
     (firmware: $firmware:expr, robot: $robot:ty = $make:expr $(, safe_default: $safe_default:expr)? $(,)?) => {
@@ -141,7 +147,8 @@ macro_rules! app {
             fn idle(cx: idle::Context) -> ! {
                 loop {
                     if !cx.local.background.poll() {
-                        // An interrupt that gives it work ends the sleep, or has come already and made it pending.
+                        // An interrupt that gives it work ends the sleep, or has come already and
+                        // made it pending.
                         cortex_m::asm::wfi();
                     }
                 }

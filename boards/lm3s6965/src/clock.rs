@@ -1,10 +1,12 @@
 //! The system clock, and the time since start-up.
 //!
-//! The core runs at 50 MHz, the most that the part can do: 50 ticks a microsecond, and SysTick's 24 bits last for a third of a second.
-//! (QEMU derives the ticks of SysTick, timers and watchdog from the divisor in RCC; how long an instruction takes is set by `-icount`.)
+//! The core runs at 50 MHz, the most that the part can do: 50 ticks a microsecond, and SysTick's 24
+//! bits last for a third of a second. (QEMU derives the ticks of SysTick, timers and watchdog from
+//! the divisor in RCC; how long an instruction takes is set by `-icount`.)
 //!
 //! SysTick runs free and interrupts nobody. The slot timer's interrupt, which comes at least every
-//! [`LONGEST_SLEEP_US`](crate::slot_timer::LONGEST_SLEEP_US), takes over what it has counted ([`rt_firmware::clock`]).
+//! [`LONGEST_SLEEP_US`](crate::slot_timer::LONGEST_SLEEP_US), takes over what it has counted
+//! ([`rt_firmware::clock`]).
 
 use rt_firmware::board::microseconds;
 use rt_firmware::clock::Clock;
@@ -26,10 +28,12 @@ fn count() -> u32 {
     SYS_TICK_MAX.wrapping_sub(sys_tick::CVR.read())
 }
 
-/// Sets the system clock to 50 MHz and starts SysTick. To be called once, before anything that counts time.
+/// Sets the system clock to 50 MHz and starts SysTick. To be called once, before anything that
+/// counts time.
 pub fn start() {
     const { assert!(TICKS_PER_US == 50, "the divisor below makes 50 MHz") };
-    // From the main oscillator (8 MHz crystal) through the PLL (200 MHz after its fixed divisor), divided by 4.
+    // From the main oscillator (8 MHz crystal) through the PLL (200 MHz after its fixed divisor),
+    // divided by 4.
     const CRYSTAL_8_MHZ: u32 = 0xE << 6;
     const DIVIDE_BY_4: u32 = 3 << 23;
     const USE_DIVISOR: u32 = 1 << 22;
@@ -40,7 +44,8 @@ pub fn start() {
     let running = CRYSTAL_8_MHZ | DIVIDE_BY_4 | USE_DIVISOR;
     system_control::RCC.write(running | BYPASS_PLL | PLL_POWER_DOWN);
     system_control::RCC.write(running | BYPASS_PLL);
-    // The PLL locks within half a millisecond. Bounded, since a part whose PLL never locks still should say so over its UART.
+    // The PLL locks within half a millisecond. Bounded, since a part whose PLL never locks still
+    // should say so over its UART.
     for _ in 0..LOCK_READS {
         if system_control::RIS.read() & PLL_LOCKED != 0 {
             break;
@@ -64,8 +69,8 @@ pub fn now_us() -> u64 {
     microseconds(now_ticks(), TICKS_PER_US)
 }
 
-/// Takes over what SysTick has counted, and returns the ticks since start-up. For the slot timer's interrupt alone; it must come at least once in each
-/// round of SysTick (a third of a second).
+/// Takes over what SysTick has counted, and returns the ticks since start-up. For the slot timer's
+/// interrupt alone; it must come at least once in each round of SysTick (a third of a second).
 pub fn advance() -> u64 {
     CLOCK.advance(count())
 }
@@ -76,7 +81,8 @@ pub fn low_ticks() -> u32 {
     CLOCK.low(count())
 }
 
-/// Ticks until the clock shows this, in its low half; 0 if it has. It is less than half a round of SysTick away.
+/// Ticks until the clock shows this, in its low half; 0 if it has. It is less than half a round of
+/// SysTick away.
 #[inline(always)]
 pub fn ticks_until(at_ticks: u32) -> u32 {
     const LONGEST: u32 = SYS_TICK_MAX / 2;

@@ -4,7 +4,8 @@ use core::fmt::{self, Write};
 
 use semihosting::sys::arm_compat::sys_writec;
 
-/// The emulator's console. It needs an emulator, or a probe that serves semihosting: a core without one stops at the first letter.
+/// The emulator's console. It needs an emulator, or a probe that serves semihosting: a core without
+/// one stops at the first letter.
 pub struct Console;
 
 impl Write for Console {

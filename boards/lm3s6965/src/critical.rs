@@ -1,7 +1,8 @@
 //! The critical section: BASEPRI raised to just below the slot timer.
 //!
-//! So nothing but the slot timer's handler and the watchdog's runs inside one, and nothing ever delays a slot. The price is that these two
-//! may not enter one to share data with the rest, which they do not: they use single-producer queues and atomics.
+//! So nothing but the slot timer's handler and the watchdog's runs inside one, and nothing ever
+//! delays a slot. The price is that these two may not enter one to share data with the rest, which
+//! they do not: they use single-producer queues and atomics.
 
 use core::arch::asm;
 
@@ -18,13 +19,14 @@ const BELOW_THE_SLOT_TIMER: u8 =
 struct Basepri;
 set_impl!(Basepri);
 
-// SAFETY: on a single core, data that is shared between contexts up to the priority below the slot timer's cannot be reached by two at a
-// time while BASEPRI masks them; sections nest, since each release restores what its acquire found, and BASEPRI is never lowered.
+// SAFETY: on a single core, data that is shared between contexts up to the priority below the slot
+// timer's cannot be reached by two at a time while BASEPRI masks them; sections nest, since each
+// release restores what its acquire found, and BASEPRI is never lowered.
 unsafe impl Impl for Basepri {
     unsafe fn acquire() -> RawRestoreState {
         let before = basepri::read();
-        // A context above (the slot timer's, the watchdog's) has priorities of its own that this value does not mask.
-        // SAFETY: BASEPRI is only raised here, and `release` restores it.
+        // A context above (the slot timer's, the watchdog's) has priorities of its own that this
+        // value does not mask. SAFETY: BASEPRI is only raised here, and `release` restores it.
         unsafe {
             // `basepri_max` semantics: written only if it raises the mask.
             asm!("msr BASEPRI_MAX, {}", in(reg) u32::from(BELOW_THE_SLOT_TIMER));

@@ -1,7 +1,9 @@
-//! The flash that missions are kept in: the plant's, reached by two named pipes of its own ([`rt_firmware::body::flash`]).
+//! The flash that missions are kept in: the plant's, reached by two named pipes of its own
+//! ([`rt_firmware::body::flash`]).
 //!
-//! An operation is a semihosting call or two, from the link's context; virtual time stands still until the plant has answered, and then the driver waits for
-//! as long as the operation takes. Slots interrupt it. Without the pipes (the firmware was started by hand) there is no flash.
+//! An operation is a semihosting call or two, from the link's context; virtual time stands still
+//! until the plant has answered, and then the driver waits for as long as the operation takes.
+//! Slots interrupt it. Without the pipes (the firmware was started by hand) there is no flash.
 
 use core::mem::MaybeUninit;
 use core::sync::atomic::AtomicI32;
@@ -26,8 +28,9 @@ static REPLIES: AtomicI32 = AtomicI32::new(CLOSED);
 /// Bytes of the flash.
 pub const BYTES: u32 = keep::flash_bytes(settings::BLOB_BYTES as u32, ERASE_BYTES as u32);
 
-/// Milliseconds that it takes at most to keep a mission that is signed: its slot is erased and written, and before it a table of records, three times if it is the first of all, and a half of its journal; reading it
-/// back, checking it and the slots that run meanwhile take as long again.
+/// Milliseconds that it takes at most to keep a mission that is signed: its slot is erased and
+/// written, and before it a table of records, three times if it is the first of all, and a half of
+/// its journal; reading it back, checking it and the slots that run meanwhile take as long again.
 pub const LONGEST_MS: u16 = {
     const fn written_us(bytes: u32) -> u32 {
         let slot_bytes = keep::slot_bytes(bytes, ERASE_BYTES as u32);
@@ -56,7 +59,8 @@ impl KeepMemory {
         }
     }
 
-    /// Opens the flash, which waits until the plant has opened its ends, and what is kept in it. None if there is none.
+    /// Opens the flash, which waits until the plant has opened its ends, and what is kept in it.
+    /// None if there is none.
     // Not inlined: the app's first function should not keep what this needs of the stack.
     #[inline(never)]
     pub fn open(

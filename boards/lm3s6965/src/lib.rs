@@ -1,7 +1,7 @@
 //! The board lm3s6965evb: a Cortex-M3 with 256 KiB of flash and 64 KiB of RAM, as QEMU emulates it.
 //!
-//! The crate is what an RTIC app for this board is made of, and the app itself, as the macro [`app!`]: a robot's firmware is its registry of
-//! tasks and one line.
+//! The crate is what an RTIC app for this board is made of, and the app itself, as the
+//! macro [`app!`]: a robot's firmware is its registry of tasks and one line.
 //!
 //! ```ignore
 //! #![no_std]
@@ -26,10 +26,11 @@
 //! | 2 | SSI 0 (an unused vector, pended by software) | the link: requests, upload, trace and log streams |
 //! | 0 | none: the idle loop | slot-0 tasks; sleep |
 //!
-//! A critical section masks everything below the slot timer ([`critical`]), so nothing delays a slot. The sides share nothing but queues
-//! with one reader and one writer.
+//! A critical section masks everything below the slot timer ([`critical`]), so nothing delays a
+//! slot. The sides share nothing but queues with one reader and one writer.
 //!
-//! Nothing here names a robot: pins are a [`PinImage`] whose other end is the simulated plant ([`plant`]).
+//! Nothing here names a robot: pins are a [`PinImage`] whose other end is the simulated plant
+//! ([`plant`]).
 #![no_std]
 
 pub mod clock;
@@ -92,7 +93,8 @@ pub type Memory<'m> = rt_firmware::Memory<
     { settings::TRACE_BYTES },
 >;
 
-/// The pins. Drivers are built on their [`parts`](PinImage::parts) by the robot; the slot timer's handler carries them to the plant.
+/// The pins. Drivers are built on their [`parts`](PinImage::parts) by the robot; the slot timer's
+/// handler carries them to the plant.
 pub static PINS: PinImage = PinImage::new();
 
 /// What the first code of the firmware finds out.
@@ -103,7 +105,8 @@ pub struct Start {
     pub board: SlotBoard,
 }
 
-/// Brings up stack paint, clock, serial line and the way to the plant. To be called once, first of all, with interrupts off.
+/// Brings up stack paint, clock, serial line and the way to the plant. To be called once, first of
+/// all, with interrupts off.
 pub fn start() -> Start {
     stack::paint();
     clock::start();
@@ -131,7 +134,8 @@ pub fn start() -> Start {
     }
 }
 
-/// Puts a value into its place. Not inlined, so that what making it takes of the stack is given back before the next is made.
+/// Puts a value into its place. Not inlined, so that what making it takes of the stack is given
+/// back before the next is made.
 #[doc(hidden)]
 #[inline(never)]
 pub fn put<T>(place: &'static mut MaybeUninit<T>, make: impl FnOnce() -> T) -> &'static mut T {

@@ -1,5 +1,5 @@
-//! The link's line: queues between the interrupt handler that moves its bytes, the UART's or that of [`plant_line`]'s timer, and the link task, so that
-//! neither waits for the wire.
+//! The link's line: queues between the interrupt handler that moves its bytes, the UART's or that
+//! of [`plant_line`]'s timer, and the link task, so that neither waits for the wire.
 
 use core::mem;
 
@@ -20,20 +20,23 @@ use crate::flash::{self, BoardKeep};
 use crate::log;
 use crate::{clock, plant_line, slot_timer, stack, uart};
 
-/// Room for received bytes: a window of chunks with their frames, which a host sends without waiting. So none is lost while the link
-/// is at something long, or waits for its time.
+/// Room for received bytes: a window of chunks with their frames, which a host sends without
+/// waiting. So none is lost while the link is at something long, or waits for its time.
 pub const RECEIVE_BYTES: usize = 768;
-/// How old what is told of the stack may be, in microseconds. To measure it takes milliseconds, and it is asked for with each status.
+/// How old what is told of the stack may be, in microseconds. To measure it takes milliseconds, and
+/// it is asked for with each status.
 const STACK_AGE_US: u64 = 1_000_000;
-/// Room for bytes to be transmitted: a few milliseconds of the wire, with what the FIFO holds; the link keeps the rest of its frame.
+/// Room for bytes to be transmitted: a few milliseconds of the wire, with what the FIFO holds; the
+/// link keeps the rest of its frame.
 pub const TRANSMIT_BYTES: usize = 40;
 
 // A queue holds one byte less than it has room for.
 const _: () = assert!(TRANSMIT_BYTES > PART_BYTES);
 const _: () = assert!(RECEIVE_BYTES > LinkEnd::WINDOW_BYTES as usize / MAX_CHUNK * MAX_FRAME_BYTES);
 
-/// Makes the two ends of a line of its queues, and lets the plant carry its bytes where that does. Where bytes come in, somebody listens for stops.
-/// The link finds the missions that the board keeps at its end.
+/// Makes the two ends of a line of its queues, and lets the plant carry its bytes where that does.
+/// Where bytes come in, somebody listens for stops. The link finds the missions that the board
+/// keeps at its end.
 pub fn split(
     received: &'static mut Queue<u8, RECEIVE_BYTES>,
     to_transmit: &'static mut Queue<u8, TRANSMIT_BYTES>,
@@ -69,7 +72,8 @@ pub struct Line {
 }
 
 impl Line {
-    /// Takes a byte off the line, whether or not there is room for it: what waits there could be a stop.
+    /// Takes a byte off the line, whether or not there is room for it: what waits there could be a
+    /// stop.
     fn take(&mut self, byte: u8) {
         let is_kept = self.received.enqueue(byte).is_ok();
         if self.listener.hear(byte, is_kept) {
@@ -97,10 +101,12 @@ impl Line {
         !carried.is_empty() || !part.carried().is_empty()
     }
 
-    /// Moves bytes between the UART and the queues, at most a FIFO of them each way. To be called by the UART's interrupt, which is pended by
-    /// software too when the link has queued bytes. Bytes that find no room in the queue are lost, as on a bad line.
+    /// Moves bytes between the UART and the queues, at most a FIFO of them each way. To be called
+    /// by the UART's interrupt, which is pended by software too when the link has queued bytes.
+    /// Bytes that find no room in the queue are lost, as on a bad line.
     ///
-    /// Returns whether the link task has something to do: bytes came in, or the last that it queued went out.
+    /// Returns whether the link task has something to do: bytes came in, or the last that it queued
+    /// went out.
     pub fn serve(&mut self) -> bool {
         if self.goes_by_plant {
             return false;
@@ -126,7 +132,8 @@ impl Line {
             worth_a_look |= !self.to_transmit.ready();
         }
         uart::want_sent(self.to_transmit.ready());
-        // The part calls when a byte comes into an empty FIFO, and its call was taken back above: what is still there must be called for.
+        // The part calls when a byte comes into an empty FIFO, and its call was taken back above:
+        // what is still there must be called for.
         if uart::has_received() {
             NVIC::pend(Interrupt::UART0);
         }
@@ -150,7 +157,8 @@ impl LinkEnd {
     /// Lets the link do all that it can do without waiting.
     pub fn serve(&mut self, link: &mut LinkSide<'_, '_>) {
         while link.poll(self) && self.to_transmit.ready() {}
-        // Also where it took bytes: an interrupt that the part has not raised for those behind them is made up for.
+        // Also where it took bytes: an interrupt that the part has not raised for those behind them
+        // is made up for.
         if mem::take(&mut self.took) || !self.to_transmit.is_empty() {
             NVIC::pend(Interrupt::UART0);
         }

@@ -1,8 +1,9 @@
 //! The defmt logger: frames go into two rings in RAM, from which the link sends them when it can.
 //!
-//! Logging never waits for a wire and never delays a slot. The slot timer's handler has a ring of its own, so that it needs no lock; all
-//! other contexts share the second, one frame at a time inside a critical section (which the slot timer does not see). A frame that
-//! finds no room is dropped whole and counted.
+//! Logging never waits for a wire and never delays a slot. The slot timer's handler has a ring of
+//! its own, so that it needs no lock; all other contexts share the second, one frame at a time
+//! inside a critical section (which the slot timer does not see). A frame that finds no room is
+//! dropped whole and counted.
 
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, Ordering};
@@ -121,8 +122,9 @@ struct Channel {
     encoder: UnsafeCell<Encoder>,
 }
 
-// SAFETY: the ring is made of atomics. The encoder is used between `acquire` and `release` alone, by one context at a time: the slot
-// timer's handler is the only user of its channel and cannot interrupt itself, and the other channel is inside a critical section.
+// SAFETY: the ring is made of atomics. The encoder is used between `acquire` and `release` alone,
+// by one context at a time: the slot timer's handler is the only user of its channel and cannot
+// interrupt itself, and the other channel is inside a critical section.
 unsafe impl Sync for Channel {}
 
 impl Channel {
@@ -150,7 +152,8 @@ struct Restore(UnsafeCell<RestoreState>);
 unsafe impl Sync for Restore {}
 static RESTORE: Restore = Restore(UnsafeCell::new(RestoreState::invalid()));
 
-/// Whether the slot timer's handler is running. The watchdog's, above it, must not log: it could interrupt a frame.
+/// Whether the slot timer's handler is running. The watchdog's, above it, must not log: it could
+/// interrupt a frame.
 fn in_slot_context() -> bool {
     SCB::vect_active()
         == VectActive::Interrupt {
@@ -209,8 +212,8 @@ unsafe impl Logger for RingLogger {
 
 defmt::timestamp!("{=u64:us}", crate::clock::now_us());
 
-/// Moves encoded log bytes into `buffer`; returns how many. For the link task alone. Frames of the two rings are never mixed: a ring is
-/// read on until its last whole frame is out.
+/// Moves encoded log bytes into `buffer`; returns how many. For the link task alone. Frames of the
+/// two rings are never mixed: a ring is read on until its last whole frame is out.
 pub fn read(buffer: &mut [u8]) -> usize {
     let read = SLOTS.ring.read(buffer);
     if read > 0 {

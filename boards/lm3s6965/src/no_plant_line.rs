@@ -1,4 +1,5 @@
-//! A firmware whose link goes by the UART alone, in the emulator, too: it is built without the feature `plant-line`.
+//! A firmware whose link goes by the UART alone, in the emulator, too: it is built without the
+//! feature `plant-line`.
 
 use rt_firmware::body::line::LinePart;
 

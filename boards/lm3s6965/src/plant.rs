@@ -1,8 +1,9 @@
 //! The way to the plant: two named pipes, reached by semihosting calls.
 //!
-//! A semihosting call stops virtual time until the host has answered, so the board and the plant run in lock step, whatever the wall clock does. The
-//! pipes stand in the emulator's working directory. Without them (the firmware was started by hand) no exchange succeeds, which the runtime takes
-//! as a lost plant.
+//! A semihosting call stops virtual time until the host has answered, so the board and the plant
+//! run in lock step, whatever the wall clock does. The pipes stand in the emulator's working
+//! directory. Without them (the firmware was started by hand) no exchange succeeds, which the
+//! runtime takes as a lost plant.
 
 use core::ffi::CStr;
 use core::sync::atomic::{AtomicI32, Ordering::Relaxed};
@@ -34,7 +35,8 @@ pub(crate) fn open_pair(
     replies: &AtomicI32,
     reply_pipe: &CStr,
 ) -> Option<()> {
-    // The replies first: opening to read makes no file where there is no pipe, opening to write would.
+    // The replies first: opening to read makes no file where there is no pipe, opening to write
+    // would.
     for (pipe, path, mode) in [
         (replies, reply_pipe, OpenMode::RDONLY_BINARY),
         (requests, request_pipe, OpenMode::WRONLY_TRUNC_BINARY),
@@ -46,7 +48,8 @@ pub(crate) fn open_pair(
 
 /// Sends `request` and waits for the reply. `None` if there is no plant or it went away.
 ///
-/// Called by the slot timer's handler, and, when that will never run again, by the one that says why.
+/// Called by the slot timer's handler, and, when that will never run again, by the one that says
+/// why.
 pub fn exchange(request: &Request) -> Option<[u8; REPLY_BYTES]> {
     let requests = file(&REQUESTS)?;
     let replies = file(&REPLIES)?;
@@ -56,7 +59,8 @@ pub fn exchange(request: &Request) -> Option<[u8; REPLY_BYTES]> {
     Some(reply)
 }
 
-/// Writes a message to a pipe. It is shorter than what a pipe takes in one piece, so it is written whole or not at all. The call tells how many bytes are left.
+/// Writes a message to a pipe. It is shorter than what a pipe takes in one piece, so it is written
+/// whole or not at all. The call tells how many bytes are left.
 #[inline]
 pub(crate) fn send(pipe: BorrowedFd<'_>, message: &[u8]) -> Option<()> {
     matches!(sys_write_orig(pipe, message), Ok(0)).then_some(())

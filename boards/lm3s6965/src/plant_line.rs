@@ -1,8 +1,9 @@
-//! The link's bytes by way of the plant, for runs that are to repeat to the byte: two named pipes of their own ([`rt_firmware::body::line`]), and timer 1,
-//! which says when.
+//! The link's bytes by way of the plant, for runs that are to repeat to the byte: two named pipes
+//! of their own ([`rt_firmware::body::line`]), and timer 1, which says when.
 //!
-//! Whoever starts the emulator decides: where the pipes stand in its working directory, the link goes by them and the UART carries nothing; without them, and on a
-//! part of silicon, it goes by the UART.
+//! Whoever starts the emulator decides: where the pipes stand in its working directory, the link
+//! goes by them and the UART carries nothing; without them, and on a part of silicon, it goes by
+//! the UART.
 
 use core::ffi::CStr;
 use core::sync::atomic::{AtomicI32, AtomicU32, Ordering::Relaxed};
@@ -21,22 +22,25 @@ const REPLY_PIPE: &CStr = c"link-reply";
 static REQUESTS: AtomicI32 = AtomicI32::new(CLOSED);
 static REPLIES: AtomicI32 = AtomicI32::new(CLOSED);
 
-/// When the timer's interrupt is due: ticks of the clock, their low half. Of its handler alone, once the timer runs.
+/// When the timer's interrupt is due: ticks of the clock, their low half. Of its handler alone,
+/// once the timer runs.
 static DUE: AtomicU32 = AtomicU32::new(0);
 
 const TIMED_OUT: u32 = 1;
 const TIMER_A_ENABLE: u32 = 1;
 const INTERVAL_TICKS: u32 = INTERVAL_US * TICKS_PER_US;
 
-/// Opens both pipes, which waits until the plant has opened its ends, and starts the timer. Answers whether the link goes this way.
+/// Opens both pipes, which waits until the plant has opened its ends, and starts the timer. Answers
+/// whether the link goes this way.
 pub fn start() -> bool {
     if plant::open_pair(&REQUESTS, REQUEST_PIPE, &REPLIES, REPLY_PIPE).is_none() {
         return false;
     }
     const TIMER_1_CLOCK: u32 = 1 << 17;
     const WIDTH_32_BITS: u32 = 0;
-    // Set anew by its handler. The emulator reloads a periodic timer before it raises the interrupt; while the processor
-    // sleeps, it may then let its time pass to the next timer first, or not, as its own threads happen to meet.
+    // Set anew by its handler. The emulator reloads a periodic timer before it raises the
+    // interrupt; while the processor sleeps, it may then let its time pass to the next timer first,
+    // or not, as its own threads happen to meet.
     const ONE_SHOT: u32 = 1;
     system_control::RCGC1.write(system_control::RCGC1.read() | TIMER_1_CLOCK);
     timer1::CTL.write(0);
@@ -55,7 +59,8 @@ pub fn acknowledge() {
     set_next();
 }
 
-/// Lets the interrupt come a whole number of intervals after it was due last: one, or, where that is past, more.
+/// Lets the interrupt come a whole number of intervals after it was due last: one, or, where that
+/// is past, more.
 fn set_next() {
     let (now, due) = (clock::now_ticks() as u32, DUE.load(Relaxed));
     // The clock may show a tick less than the timer has counted.

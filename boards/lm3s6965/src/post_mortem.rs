@@ -1,7 +1,9 @@
-//! Why the firmware ended, and what happened last, kept in RAM that no start-up code clears, and told after the reset.
+//! Why the firmware ended, and what happened last, kept in RAM that no start-up code clears, and
+//! told after the reset.
 //!
-//! Everything that ends the firmware comes through [`end`]: motors off, reason kept, reset. A reset that left no reason was the watchdog's
-//! own (interrupts were masked for good) or came from outside: then the chip's own register says more.
+//! Everything that ends the firmware comes through [`end`]: motors off, reason kept, reset. A reset
+//! that left no reason was the watchdog's own (interrupts were masked for good) or came from
+//! outside: then the chip's own register says more.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -18,7 +20,8 @@ use rt_firmware::kept::Ending;
 use crate::registers::system_control;
 use crate::{plant, reset_cause};
 
-/// What is kept of the way to the plant. Every bit pattern is valid, so reading what power-on left there is harmless.
+/// What is kept of the way to the plant. Every bit pattern is valid, so reading what power-on left
+/// there is harmless.
 #[derive(Clone, Copy)]
 #[repr(C)]
 struct Exchanges {
@@ -34,8 +37,9 @@ const MARK: u32 = 0x6576_6F53;
 /// Memory that the start-up code leaves alone.
 struct Uninit<T>(UnsafeCell<MaybeUninit<T>>);
 
-// SAFETY: of the two below, one is touched through `read` and `write` alone, with volatile accesses of plain words on a single core; a torn one can at
-// worst tell a wrong time. The other is made of atomics.
+// SAFETY: of the two below, one is touched through `read` and `write` alone, with volatile accesses
+// of plain words on a single core; a torn one can at worst tell a wrong time. The other is made of
+// atomics.
 unsafe impl<T> Sync for Uninit<T> {}
 
 #[unsafe(link_section = ".uninit.post_mortem")]
@@ -46,13 +50,14 @@ static KEPT: Uninit<Kept> = Uninit(UnsafeCell::new(MaybeUninit::uninit()));
 
 /// What is kept across a reset.
 pub fn kept() -> &'static Kept {
-    // SAFETY: the memory is RAM, aligned for `Kept`, which is made of atomic words of which every bit pattern is valid; nobody has a mutable reference.
+    // SAFETY: the memory is RAM, aligned for `Kept`, which is made of atomic words of which every
+    // bit pattern is valid; nobody has a mutable reference.
     unsafe { &*KEPT.0.get().cast::<Kept>() }
 }
 
 fn read() -> Exchanges {
-    // SAFETY: the memory is RAM, aligned for `Exchanges`, every bit pattern of which is valid; volatile keeps the compiler from reasoning about what
-    // it never saw written.
+    // SAFETY: the memory is RAM, aligned for `Exchanges`, every bit pattern of which is valid;
+    // volatile keeps the compiler from reasoning about what it never saw written.
     unsafe { ptr::read_volatile(EXCHANGES.0.get().cast::<Exchanges>()) }
 }
 
@@ -61,7 +66,8 @@ fn write(exchanges: Exchanges) {
     unsafe { ptr::write_volatile(EXCHANGES.0.get().cast::<Exchanges>(), exchanges) }
 }
 
-/// Value for PBORCTL with which a supply that sags resets the chip, and is told as that. After a reset the register says that it shall be an interrupt, with the same times.
+/// Value for PBORCTL with which a supply that sags resets the chip, and is told as that. After a
+/// reset the register says that it shall be an interrupt, with the same times.
 const RESET_ON_BROWN_OUT: u32 = 0x7FFF;
 
 /// Why the firmware starts, and how far the plant's time had come. To be called once, at the start.
@@ -90,11 +96,13 @@ pub fn note_exchange(request: &Request) {
     });
 }
 
-/// Ends the firmware: motors off, the reason kept, reset. From any context, also from one that interrupted an exchange's bookkeeping.
+/// Ends the firmware: motors off, the reason kept, reset. From any context, also from one that
+/// interrupted an exchange's bookkeeping.
 pub fn end(ending: &Ending<'_>) -> ! {
     cortex_m::interrupt::disable();
     let exchanges = read();
-    // A motor driver of a real board would be switched off at its enable pin here; this board's pins are the plant's.
+    // A motor driver of a real board would be switched off at its enable pin here; this board's
+    // pins are the plant's.
     let _ = plant::exchange(&Request {
         sequence: exchanges.sequence.wrapping_add(1),
         start_us: exchanges.plant_time_us,

@@ -1,12 +1,14 @@
 //! The device registers that this board uses, and no others.
 //!
-//! The chip's crate (`pac`) has interrupt numbers only, so the addresses stand here, from the LM3S6965 data sheet. What is written to
-//! them and why is the business of the module that owns the part: [`clock`](crate::clock), [`slot_timer`](crate::slot_timer),
-//! [`uart`](crate::uart), [`watchdog`](crate::watchdog).
+//! The chip's crate (`pac`) has interrupt numbers only, so the addresses stand here, from the
+//! LM3S6965 data sheet. What is written to them and why is the business of the module that owns the
+//! part: [`clock`](crate::clock), [`slot_timer`](crate::slot_timer), [`uart`](crate::uart),
+//! [`watchdog`](crate::watchdog).
 
 use core::ptr;
 
-/// A 32-bit device register. Values of this type exist in this module only, one for each register in the tables below.
+/// A 32-bit device register. Values of this type exist in this module only, one for each register
+/// in the tables below.
 #[derive(Clone, Copy)]
 pub struct Register(u32);
 
@@ -14,15 +16,16 @@ impl Register {
     /// The register's value; for some registers, reading has an effect of its own.
     #[inline(always)]
     pub fn read(self) -> u32 {
-        // SAFETY: the address is that of a device register, all of which are aligned and mapped for the chip's whole life; it is volatile
-        // because hardware changes it.
+        // SAFETY: the address is that of a device register, all of which are aligned and mapped for
+        // the chip's whole life; it is volatile because hardware changes it.
         unsafe { ptr::read_volatile(self.0 as *const u32) }
     }
 
     /// Writes the register.
     #[inline(always)]
     pub fn write(self, value: u32) {
-        // SAFETY: as for `read`; no register below is a DMA address, so a write can only change what the part does, not Rust's memory.
+        // SAFETY: as for `read`; no register below is a DMA address, so a write can only change
+        // what the part does, not Rust's memory.
         unsafe { ptr::write_volatile(self.0 as *mut u32, value) }
     }
 }

@@ -6,8 +6,8 @@ use pac::Interrupt;
 use crate::clock;
 use crate::registers::{system_control, timer0};
 
-/// The timer's interrupt comes at least this often, in microseconds, with or without a slot to start: it keeps the time
-/// ([`clock::advance`]) and feeds the watchdog.
+/// The timer's interrupt comes at least this often, in microseconds, with or without a slot to
+/// start: it keeps the time ([`clock::advance`]) and feeds the watchdog.
 pub const LONGEST_SLEEP_US: u32 = 100_000;
 
 const TIMER_A_TIMEOUT: u32 = 1;
@@ -31,8 +31,9 @@ pub fn call() {
     NVIC::pend(Interrupt::TIMER_0A);
 }
 
-/// Takes the interrupt back, and lets the next one come when the clock shows `at_ticks`, at once if it has. To be called at the end of the
-/// timer's handler: it is what the timer waits for to be set anew, and until then there is no hurry.
+/// Takes the interrupt back, and lets the next one come when the clock shows `at_ticks`, at once if
+/// it has. To be called at the end of the timer's handler: it is what the timer waits for to be set
+/// anew, and until then there is no hurry.
 ///
 /// `at_ticks` is at most [`LONGEST_SLEEP_US`] away, as the runtime promises.
 #[inline(always)]

@@ -10,7 +10,8 @@ use crate::{PINS, plant, post_mortem, watchdog};
 /// Time, body and pins for the slot timer's handler.
 pub struct SlotBoard {
     exchange: PlantExchange,
-    /// Plant time when this run of the firmware began its first mission: where the last run left it.
+    /// Plant time when this run of the firmware began its first mission: where the last run left
+    /// it.
     plant_epoch_us: u64,
 }
 

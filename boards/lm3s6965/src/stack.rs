@@ -20,25 +20,28 @@ fn bounds() -> (usize, usize) {
     )
 }
 
-/// Paints the part of the stack that is not in use yet. To be called once, early, with interrupts off.
+/// Paints the part of the stack that is not in use yet. To be called once, early, with interrupts
+/// off.
 pub fn paint() {
     let (mut address, _) = bounds();
     let top: usize;
     // SAFETY: reads the stack pointer, changes nothing.
     unsafe { asm!("mov {}, sp", out(reg) top, options(nomem, nostack, preserves_flags)) };
     while address < top {
-        // SAFETY: the words between the end of the stack and the stack pointer belong to nobody: the linker script puts no data there, and no
-        // interrupt, which would use them, is on yet.
+        // SAFETY: the words between the end of the stack and the stack pointer belong to nobody:
+        // the linker script puts no data there, and no interrupt, which would use them, is on yet.
         unsafe { ptr::write_volatile(address as *mut u32, PAINT) };
         address += size_of::<u32>();
     }
 }
 
-/// The most bytes of stack that were in use since [`paint`]. Takes a time that grows with what was not used: some milliseconds.
+/// The most bytes of stack that were in use since [`paint`]. Takes a time that grows with what was
+/// not used: some milliseconds.
 pub fn deepest_bytes() -> u32 {
     let (mut address, start) = bounds();
     while address < start {
-        // SAFETY: an aligned word inside the stack's memory; it may change while it is read, so it is read volatile, and any value will do.
+        // SAFETY: an aligned word inside the stack's memory; it may change while it is read, so it
+        // is read volatile, and any value will do.
         if unsafe { ptr::read_volatile(address as *const u32) } != PAINT {
             break;
         }

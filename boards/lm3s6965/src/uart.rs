@@ -1,6 +1,7 @@
 //! UART0, the serial line of the link: 115,200 baud, 8 bits, no parity.
 //!
-//! Only its interrupt handler calls what moves bytes; [`line`](crate::line) has the queues around it.
+//! Only its interrupt handler calls what moves bytes; [`line`](crate::line) has the queues around
+//! it.
 
 use cortex_m::peripheral::NVIC;
 use pac::Interrupt;
@@ -39,7 +40,8 @@ pub fn start() {
     uart0::LCRH.write(EIGHT_BITS_WITH_FIFO);
     uart0::IM.write(RECEIVED | RECEIVE_TIMEOUT);
     uart0::CTL.write(ENABLE_BOTH_DIRECTIONS);
-    // The emulator's part keeps its FIFO over a reset of the board, and calls for the first byte in an empty one only: with bytes left in it, it would never call again.
+    // The emulator's part keeps its FIFO over a reset of the board, and calls for the first byte in
+    // an empty one only: with bytes left in it, it would never call again.
     NVIC::pend(Interrupt::UART0);
     const TIMER_1_CLOCK: u32 = 1 << 17;
     const WIDTH_32_BITS: u32 = 0;
@@ -54,9 +56,11 @@ pub fn acknowledge() {
     uart0::ICR.write(RECEIVED | RECEIVE_TIMEOUT | SENT);
 }
 
-/// Says that bytes came, so that more may follow. A wire brings them by itself. The emulator looks at what stands for the wire only where its virtual
-/// time stops: at the deadlines of its timers, while the core sleeps. Between two slots there would be none, and one FIFO a slot is all that would
-/// arrive; so a timer without an interrupt makes some, as long as bytes come. On the part itself nobody sees it run.
+/// Says that bytes came, so that more may follow. A wire brings them by itself. The emulator looks
+/// at what stands for the wire only where its virtual time stops: at the deadlines of its timers,
+/// while the core sleeps. Between two slots there would be none, and one FIFO a slot is all that
+/// would arrive; so a timer without an interrupt makes some, as long as bytes come. On the part
+/// itself nobody sees it run.
 pub fn expect_more() {
     const LOOK_AGAIN_US: u32 = 200;
     const TIMER_A_ENABLE: u32 = 1;
@@ -89,7 +93,8 @@ pub fn send(byte: u8) {
     uart0::DR.write(u32::from(byte));
 }
 
-/// Sets whether the interrupt comes for a transmitter's FIFO that runs empty, too. For received bytes it always comes.
+/// Sets whether the interrupt comes for a transmitter's FIFO that runs empty, too. For received
+/// bytes it always comes.
 pub fn want_sent(sent: bool) {
     let sent = if sent { SENT } else { 0 };
     uart0::IM.write(RECEIVED | RECEIVE_TIMEOUT | sent);

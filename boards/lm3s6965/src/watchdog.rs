@@ -1,14 +1,16 @@
 //! The hardware watchdog: what ends a task that never returns.
 //!
-//! The real-time side feeds it as long as all show signs of life who should: [`rt_firmware::supervision`]. If it does not for [`TIMEOUT_US`], the watchdog's interrupt, which alone is above
-//! the slot timer's, stops the motors, keeps the reason and resets. Should even that not run (interrupts masked for good), the
-//! watchdog resets the chip by itself after another [`TIMEOUT_US`], and the missing reason says so at the next start.
+//! The real-time side feeds it as long as all show signs of life who should:
+//! [`rt_firmware::supervision`]. If it does not for [`TIMEOUT_US`], the watchdog's interrupt, which
+//! alone is above the slot timer's, stops the motors, keeps the reason and resets. Should even that
+//! not run (interrupts masked for good), the watchdog resets the chip by itself after another
+//! [`TIMEOUT_US`], and the missing reason says so at the next start.
 
 use crate::clock::TICKS_PER_US;
 use crate::registers::{system_control, watchdog0};
 
-/// How long the slot timer's handler may stay away, in microseconds. Several times the longest sleep of the slot timer, and below the
-/// round of SysTick, so that time stays right up to the end.
+/// How long the slot timer's handler may stay away, in microseconds. Several times the longest
+/// sleep of the slot timer, and below the round of SysTick, so that time stays right up to the end.
 pub const TIMEOUT_US: u32 = 300_000;
 
 /// Starts the watchdog; nothing but a reset stops it.

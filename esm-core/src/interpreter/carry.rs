@@ -1,9 +1,12 @@
 //! What a machine takes over from the one that ran before it: a warm swap.
 //!
-//! A [`Pairing`] says which regions and states are the same. A region goes on if the region of its path was active, and that one's state exists here under its name and is of the same kind.
-//! All else starts at `initial`. Events, slots, parameters and transitions are those of the new machine from its first macro step on. `docs/src/semantics.md` says it for people.
+//! A [`Pairing`] says which regions and states are the same. A region goes on if the region of its
+//! path was active, and that one's state exists here under its name and is of the same kind. All
+//! else starts at `initial`. Events, slots, parameters and transitions are those of the new machine
+//! from its first macro step on. `docs/src/semantics.md` says it for people.
 //!
-//! Names are not looked at here, nor is anything looked for: time is proportional to the region instances of the new machine, and to the flags of what goes on.
+//! Names are not looked at here, nor is anything looked for: time is proportional to the region
+//! instances of the new machine, and to the flags of what goes on.
 
 use super::machine::{Blob, Machine, Mark};
 use crate::dispatcher::periods_in;
@@ -25,8 +28,8 @@ pub struct TakenOver {
 pub(super) type Running<'b, 'm, R> = (&'b Machine<'m, R>, Blob<'b, R>);
 
 impl<R: Access> Machine<'_, R> {
-    /// Takes over what the machine before has in common with this one: states, timers, flags, enable
-    /// bits. `states` is the number of states of this one's tables.
+    /// Takes over what the machine before has in common with this one: states, timers, flags,
+    /// enable bits. `states` is the number of states of this one's tables.
     pub(super) fn take_over(
         &mut self,
         blob: Blob<'_, R>,
@@ -52,13 +55,15 @@ impl<R: Access> Machine<'_, R> {
         if before.0.fault.is_none() {
             self.take_control_flags(before.0, pairing);
         }
-        // Whoever was asleep wakes up once more, and all timers are looked at: too often does no harm.
+        // Whoever was asleep wakes up once more, and all timers are looked at: too often does no
+        // harm.
         self.mark(0..self.layout.regions, Mark::Awake, true);
         self.clock.look_in(1);
         taken_over
     }
 
-    /// The state of a region instance as which the one that its pair is in goes on, with the pair and that state.
+    /// The state of a region instance as which the one that its pair is in goes on, with the pair
+    /// and that state.
     fn goes_on(
         &self,
         blob: Blob<'_, R>,
@@ -72,7 +77,8 @@ impl<R: Access> Machine<'_, R> {
             .is_marked(pair, Mark::Active)
             .then(|| before.current(pair))?;
         let new = pairing.state(region, old)?;
-        // A pairing can be that of other machines, and what is current must be a state of its region: those are from its `initial` to the next one.
+        // A pairing can be that of other machines, and what is current must be a state of its
+        // region: those are from its `initial` to the next one.
         let record = self.record(Section::RegionInstances, region);
         let initial = self.field(blob, record, region_instance::INITIAL);
         let is_initial = |state| {

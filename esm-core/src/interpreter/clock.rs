@@ -6,8 +6,8 @@ pub(super) struct Clock {
     /// How many macro steps will have begun, or been skipped, when timers are looked at: so a macro
     /// step writes one word here, and not three.
     at_look: u64,
-    /// Macro steps until a timer may have run out, that one included. A machine that was stopped has
-    /// none left but the next.
+    /// Macro steps until a timer may have run out, that one included. A machine that was stopped
+    /// has none left but the next.
     steps_left: u32,
 }
 

@@ -3,8 +3,8 @@
 /// Why a machine was stopped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// A transition sent an event for which the queue had no room. The queue's capacity is too small,
-    /// or events cause each other in a circle.
+    /// A transition sent an event for which the queue had no room. The queue's capacity is too
+    /// small, or events cause each other in a circle.
     EventQueueOverflow,
     /// A macro step had more than [`MAX_MICRO_STEPS`] events. Events cause each other in a circle.
     MacroStepLimit,
@@ -48,8 +48,8 @@ pub trait Observer {
         let _ = task_instance;
     }
 
-    /// A task that was enabled is so no more, because its state or one around it was left. Not called
-    /// for slot-0 tasks.
+    /// A task that was enabled is so no more, because its state or one around it was left. Not
+    /// called for slot-0 tasks.
     fn disabled(&mut self, task_instance: u16) {
         let _ = task_instance;
     }

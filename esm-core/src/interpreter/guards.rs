@@ -6,8 +6,9 @@ use crate::layout::{code, region_instance, state};
 use crate::reads::access::Access;
 use crate::tables::record_bytes;
 
-/// What guards see: in the low half the first own flags of a state, in the high half their complement.
-/// Cores that test the highest bit of a shifted word at no cost have it the other way round.
+/// What guards see: in the low half the first own flags of a state, in the high half their
+/// complement. Cores that test the highest bit of a shifted word at no cost have it the other way
+/// round.
 #[derive(Clone, Copy)]
 pub(super) struct Window<const REVERSED: bool = { cfg!(target_arch = "arm") }>(u32);
 
@@ -19,7 +20,8 @@ impl<const REVERSED: bool> Window<REVERSED> {
         Self(if REVERSED { bits.reverse_bits() } else { bits })
     }
 
-    /// The first that is true of guards that ask for one bit each, `count` of them, from this one on.
+    /// The first that is true of guards that ask for one bit each, `count` of them, from this one
+    /// on.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn first_of<R: Access>(self, guard: usize, count: usize) -> Option<usize> {
         let (guard, count) = (R::below_32(guard), R::below_32(count));
@@ -102,8 +104,8 @@ impl<R: Access> Machine<'_, R> {
         }
     }
 
-    /// Whether the busy flag of a current task state is set anywhere inside the current superstate of
-    /// a region instance.
+    /// Whether the busy flag of a current task state is set anywhere inside the current superstate
+    /// of a region instance.
     #[inline(never)]
     pub(super) fn is_busy_within(&self, blob: Blob<'_, R>, region: usize) -> bool {
         (region + 1..self.next(blob, region)).any(|inside| {
@@ -122,7 +124,8 @@ mod tests {
     use super::*;
     use crate::reads::Checked;
 
-    /// Holds each guard that asks for one bit, and each row of them, against the meaning of its number.
+    /// Holds each guard that asks for one bit, and each row of them, against the meaning of its
+    /// number.
     fn assert_guards_mean_what_they_say<const REVERSED: bool>() {
         let one_flag = (0..format::WINDOW_FLAGS).map(|flag| 1u32 << flag);
         // What is above the window is of other states.

@@ -1,4 +1,5 @@
-//! A machine between and in its macro steps: its memory, its numbers, and how both are read and written.
+//! A machine between and in its macro steps: its memory, its numbers, and how both are read and
+//! written.
 
 use core::ops::Range;
 
@@ -21,8 +22,8 @@ pub(super) type Blob<'b, R> = <R as Access>::Blob<'b>;
 #[repr(C)]
 pub(super) struct Machine<'m, R: Access> {
     pub(super) places: Places<R::Place, R::Part>,
-    /// Events that were put into the queue in this macro step. The queue is a ring, as long as a power of
-    /// two: the low bits of the two numbers say the place.
+    /// Events that were put into the queue in this macro step. The queue is a ring, as long as a
+    /// power of two: the low bits of the two numbers say the place.
     pub(super) queued: u32,
     pub(super) queue_capacity: u32,
     /// Events that were taken out of it: the number of the micro step.
@@ -36,8 +37,8 @@ pub(super) struct Machine<'m, R: Access> {
     pub(super) arena: &'m mut [u32],
 }
 
-/// Where tables and parts of the arena begin. What is needed together stands together: a core loads two
-/// words that do as fast as one.
+/// Where tables and parts of the arena begin. What is needed together stands together: a core loads
+/// two words that do as fast as one.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub(super) struct Places<P, A> {
@@ -320,7 +321,8 @@ impl<'m, R: Access> Machine<'m, R> {
         self.write_bit(self.places.flags, flag, value);
     }
 
-    /// Writes a bit of a part of the arena, the first in the lowest bit. Returns whether it changed.
+    /// Writes a bit of a part of the arena, the first in the lowest bit. Returns whether it
+    /// changed.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn write_bit(&mut self, part: R::Part, index: usize, value: bool) -> bool {
         let place = index / WORD_BITS;

@@ -1,8 +1,10 @@
-//! All that a machine is between two macro steps, to be kept and taken up again: words of its arena and a few numbers.
+//! All that a machine is between two macro steps, to be kept and taken up again: words of its arena
+//! and a few numbers.
 //!
-//! The words are the arena's up to the event queue, which is empty then. What entered a machine from outside since its last macro step is what differs in
-//! [`Interpreter::input_words`](super::Interpreter::input_words): the flags and, behind them, the enable
-//! bits. [`Interpreter::toggle_input`](super::Interpreter::toggle_input) does it again.
+//! The words are the arena's up to the event queue, which is empty then. What entered a machine
+//! from outside since its last macro step is what differs in
+//! [`Interpreter::input_words`](super::Interpreter::input_words): the flags and, behind them, the
+//! enable bits. [`Interpreter::toggle_input`](super::Interpreter::toggle_input) does it again.
 
 use super::clock::Clock;
 use super::events::Fault;
@@ -119,8 +121,9 @@ impl<R: Access> Machine<'_, R> {
     }
 }
 
-/// The region instance of the task that a flag is of. Instances take flags and tasks in the same order,
-/// so that the flags of tasks ascend: the task is the last whose flags do not begin behind the flag.
+/// The region instance of the task that a flag is of. Instances take flags and tasks in the same
+/// order, so that the flags of tasks ascend: the task is the last whose flags do not begin behind
+/// the flag.
 fn region_of_task_flag(tables: &Tables<'_>, tasks: usize, bit: usize) -> Option<usize> {
     let (mut first, mut end) = (0, tasks);
     // Each turn halves what is left.

@@ -1,14 +1,14 @@
 //! Timers.
 //!
-//! The time of a macro step is its number times the period, so timers count macro steps. How many pass
-//! before some timer may have run out is kept; it may be too few, never too many. The macro step behind
-//! them begins with setting the flags of those that have, wakes whom that concerns, and finds the next.
-//! Who is left before its turn in this macro step takes its flag with it: so this is no other than each
-//! one's being set when its region is looked at.
+//! The time of a macro step is its number times the period, so timers count macro steps. How many
+//! pass before some timer may have run out is kept; it may be too few, never too many. The macro
+//! step behind them begins with setting the flags of those that have, wakes whom that concerns, and
+//! finds the next. Who is left before its turn in this macro step takes its flag with it: so this
+//! is no other than each one's being set when its region is looked at.
 //!
-//! A state's age is the number of macro steps since the one in which it was entered. Until its timeout
-//! flag is set, it is at most one above the highest at which the state is not overdue, which fits in 32
-//! bits. Macro steps that are skipped are added by [`Machine::skip`].
+//! A state's age is the number of macro steps since the one in which it was entered. Until its
+//! timeout flag is set, it is at most one above the highest at which the state is not overdue,
+//! which fits in 32 bits. Macro steps that are skipped are added by [`Machine::skip`].
 
 use super::clock::Clock;
 use super::events::Fault;
@@ -67,9 +67,10 @@ impl<R: Access> Machine<'_, R> {
         })
     }
 
-    /// Sets the flag of each timer that has run out, and wakes its region instance, with all inside,
-    /// for whom that is a flag of their instance; finds out when the next may be. A machine that was
-    /// stopped has its last macro step again and again, so that no other has to look for its fault.
+    /// Sets the flag of each timer that has run out, and wakes its region instance, with all
+    /// inside, for whom that is a flag of their instance; finds out when the next may be. A machine
+    /// that was stopped has its last macro step again and again, so that no other has to look for
+    /// its fault.
     #[cold]
     #[inline(never)]
     pub(super) fn run_timers(&mut self, blob: Blob<'_, R>) -> Result<(), Fault> {
@@ -104,8 +105,8 @@ impl<R: Access> Machine<'_, R> {
         }
     }
 
-    /// Lets the timers of states run out that will be overdue when more macro steps have passed. Their
-    /// true ages might not fit.
+    /// Lets the timers of states run out that will be overdue when more macro steps have passed.
+    /// Their true ages might not fit.
     #[cold]
     #[inline(never)]
     fn age_timers(&mut self, blob: Blob<'_, R>, missed: u32) {

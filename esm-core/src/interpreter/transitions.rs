@@ -14,7 +14,8 @@ pub(super) struct QueueFull;
 
 impl<R: Access> Machine<'_, R> {
     /// Makes a state the current one of its region instance, which is awake then if the state has
-    /// transitions on the pulse. Whoever woke it before, otherwise there is nothing to do on the pulse.
+    /// transitions on the pulse. Whoever woke it before, otherwise there is nothing to do on the
+    /// pulse.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn make_current(&mut self, blob: Blob<'_, R>, here: Here<R::Part>, target: usize) {
         self.set_current(here.region, target);
@@ -98,8 +99,8 @@ impl<R: Access> Machine<'_, R> {
         } else if action != format::ACTION_NONE {
             self.act(blob, action, here, entered)?;
         }
-        // Not before it is known that there is room for what is sent: otherwise the state stays, and
-        // what is inside it.
+        // Not before it is known that there is room for what is sent: otherwise the state stays,
+        // and what is inside it.
         if left_kind == format::STATE_SUPER {
             let inside = instance_index + self.field(blob, left, state::A);
             self.leave_regions(blob, inside, region + 1..next, observer);
@@ -131,8 +132,8 @@ impl<R: Access> Machine<'_, R> {
         Ok(next)
     }
 
-    /// Carries out a row of actions of a transition in the region instance with the record `here` to
-    /// the state with the record `entered`.
+    /// Carries out a row of actions of a transition in the region instance with the record `here`
+    /// to the state with the record `entered`.
     #[inline(never)]
     fn act(
         &mut self,
@@ -207,8 +208,8 @@ impl<R: Access> Machine<'_, R> {
         self.mark(around..end, Mark::Awake, true);
     }
 
-    /// Ends what is inside a superstate: a container instance, and the region instances in it at any
-    /// depth.
+    /// Ends what is inside a superstate: a container instance, and the region instances in it at
+    /// any depth.
     #[inline(never)]
     fn leave_regions(
         &mut self,
@@ -226,8 +227,8 @@ impl<R: Access> Machine<'_, R> {
         self.mark(regions, Mark::Active, false);
     }
 
-    /// Starts the region instances of a container instance, of which the first is `first`, and all are
-    /// before `end`.
+    /// Starts the region instances of a container instance, of which the first is `first`, and all
+    /// are before `end`.
     #[inline(never)]
     pub(super) fn start_regions(&mut self, blob: Blob<'_, R>, first: usize, end: usize) {
         let mut at = first;

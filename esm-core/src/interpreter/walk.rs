@@ -1,18 +1,20 @@
 //! The walk: what happens in a macro step, the pulse first and then the events that follow from it.
 //!
-//! Two bits are kept for each region instance, 32 in a word, the first in the highest bit. *Active* says
-//! that all superstates around it are current; *awake* that the pulse may do something there. The pulse
-//! visits those that are both, an event those of its channel's row that are active, and each in ascending
-//! order, which is the order of the tree. So what has nothing to do costs nothing.
+//! Two bits are kept for each region instance, 32 in a word, the first in the highest bit. *Active*
+//! says that all superstates around it are current; *awake* that the pulse may do something there.
+//! The pulse visits those that are both, an event those of its channel's row that are active, and
+//! each in ascending order, which is the order of the tree. So what has nothing to do costs
+//! nothing.
 //!
-//! A guard is a function of flags of its own state and of the head of its instance's block, and a region
-//! is woken when one of these changes: by a transition of its own, by its superstate's start, from
-//! outside, by an action or a `final` around it, by its timer. A guard that asks for busy tasks inside
-//! wakes its region each time.
+//! A guard is a function of flags of its own state and of the head of its instance's block, and a
+//! region is woken when one of these changes: by a transition of its own, by its superstate's
+//! start, from outside, by an action or a `final` around it, by its timer. A guard that asks for
+//! busy tasks inside wakes its region each time.
 //!
-//! Functions with type parameters are compiled where the types are named, with the settings there: here the
-//! observer is one. So that a macro step takes the same whatever these are, what is short is inlined by
-//! order, what is rare is apart by order, and [`load_anew`] says what is not to be kept on the stack.
+//! Functions with type parameters are compiled where the types are named, with the settings there:
+//! here the observer is one. So that a macro step takes the same whatever these are, what is short
+//! is inlined by order, what is rare is apart by order, and [`load_anew`] says what is not to be
+//! kept on the stack.
 
 use core::sync::atomic::{Ordering, compiler_fence};
 
@@ -38,9 +40,9 @@ pub enum Ended {
 
 const TRANSITION_BYTES: usize = record_bytes(Section::Transitions);
 
-/// What is read of the machine from here on is loaded when it is needed. Without this the compiler would
-/// load all before the first visit, and put it on the stack: for most macro steps, which have one or two
-/// visits, that takes longer. It is no instruction itself.
+/// What is read of the machine from here on is loaded when it is needed. Without this the compiler
+/// would load all before the first visit, and put it on the stack: for most macro steps, which have
+/// one or two visits, that takes longer. It is no instruction itself.
 #[cfg_attr(feature = "speed", inline(always))]
 fn load_anew() {
     compiler_fence(Ordering::SeqCst);
@@ -182,8 +184,8 @@ impl<R: Access> Machine<'_, R> {
         }
     }
 
-    /// The next region instance among those of a word that are to be visited whose current state, with
-    /// this record, waits for one of some events.
+    /// The next region instance among those of a word that are to be visited whose current state,
+    /// with this record, waits for one of some events.
     #[cfg_attr(feature = "speed", inline(always))]
     fn next_waiting(
         &self,
@@ -208,7 +210,8 @@ impl<R: Access> Machine<'_, R> {
         WORD_BITS * (first + self.field(blob, sent, channel::REGION_WORDS))
     }
 
-    /// Who of a word is active and listens to a channel with this record, whose row speaks of that word.
+    /// Who of a word is active and listens to a channel with this record, whose row speaks of that
+    /// word.
     #[cfg_attr(feature = "speed", inline(always))]
     fn listening(&self, blob: Blob<'_, R>, sent: R::Place, word: Word<R::Part>) -> u32 {
         let ahead = word.first / WORD_BITS - self.field(blob, sent, channel::FIRST_REGION_WORD);
@@ -217,8 +220,8 @@ impl<R: Access> Machine<'_, R> {
         self.marked(word.marks, Mark::Active) & R::word(blob, row)
     }
 
-    /// Takes the first transition on the pulse whose guard is true, out of the current state of a region
-    /// instance. If others are concerned by it, returns the next who is not inside this one.
+    /// Takes the first transition on the pulse whose guard is true, out of the current state of a
+    /// region instance. If others are concerned by it, returns the next who is not inside this one.
     #[cfg_attr(feature = "speed", inline(always))]
     fn visit_on_pulse(
         &mut self,
@@ -247,8 +250,8 @@ impl<R: Access> Machine<'_, R> {
         Ok(None)
     }
 
-    /// The same on an event, out of a state that waits for it or for one whose number leaves the same
-    /// remainder.
+    /// The same on an event, out of a state that waits for it or for one whose number leaves the
+    /// same remainder.
     #[cfg_attr(feature = "speed", inline(always))]
     fn visit_on_event(
         &mut self,
@@ -286,8 +289,8 @@ impl<R: Access> Machine<'_, R> {
         Ok(None)
     }
 
-    /// The first transition on the pulse whose guard is true. If there is none, the region instance sleeps
-    /// until it is woken again.
+    /// The first transition on the pulse whose guard is true. If there is none, the region instance
+    /// sleeps until it is woken again.
     #[cfg_attr(feature = "speed", inline(always))]
     fn find_on_pulse(
         &mut self,

@@ -5,15 +5,16 @@ use serde::{Deserialize, Serialize};
 /// Number of buckets that start delays are counted in.
 pub const DELAY_BUCKETS: usize = 8;
 
-/// What was counted of a slot since the mission started. What a reader wants to know of the slot besides (period, duration, start) is in the
-/// mission's blob.
+/// What was counted of a slot since the mission started. What a reader wants to know of the slot
+/// besides (period, duration, start) is in the mission's blob.
 ///
 /// Counters of occurrences stay at their greatest value once they are there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SlotCounters {
     /// The slot's number in the `.esm` file.
     pub number: u32,
-    /// Executions that ended, overruns included, while the mission ran. After a stop and in the safe state occurrences begin, and execute nothing.
+    /// Executions that ended, overruns included, while the mission ran. After a stop and in the
+    /// safe state occurrences begin, and execute nothing.
     pub executed: u32,
     /// Occurrences that did not start within their period.
     pub missed: u32,
@@ -29,9 +30,11 @@ pub struct SlotCounters {
     pub min_delay_ns: u32,
     /// Longest delay between nominal and actual start of an execution, in nanoseconds.
     pub max_delay_ns: u32,
-    /// Delays shorter than this are in the first bucket. Each further bucket reaches four times as far; the last has no end.
+    /// Delays shorter than this are in the first bucket. Each further bucket reaches four times as
+    /// far; the last has no end.
     pub first_bucket_ns: u32,
-    /// Executions by their delay; each stays at 65,535. [`delay_counts`](Self::delay_counts) knows more.
+    /// Executions by their delay; each stays at 65,535. [`delay_counts`](Self::delay_counts) knows
+    /// more.
     pub delays: [u16; DELAY_BUCKETS],
 }
 
@@ -43,8 +46,9 @@ impl SlotCounters {
             .unwrap_or(0)
     }
 
-    /// Executions by their delay, and of each number whether it is the number, or there may be more. A bucket that is full by itself has what the
-    /// others leave of all executions; of several, each has at least what it shows.
+    /// Executions by their delay, and of each number whether it is the number, or there may be
+    /// more. A bucket that is full by itself has what the others leave of all executions; of
+    /// several, each has at least what it shows.
     pub fn delay_counts(&self) -> [(u32, bool); DELAY_BUCKETS] {
         let is_full = |count: u16| count == u16::MAX;
         let full = self.delays.iter().filter(|count| is_full(**count)).count();
@@ -59,7 +63,8 @@ impl SlotCounters {
         })
     }
 
-    /// Delays in this bucket are shorter than this, in nanoseconds; `None` for the last, which has no end.
+    /// Delays in this bucket are shorter than this, in nanoseconds; `None` for the last, which has
+    /// no end.
     pub fn bucket_end_ns(&self, bucket: usize) -> Option<u64> {
         let factor = 4_u64.checked_pow(u32::try_from(bucket).ok()?)?;
         (bucket + 1 < DELAY_BUCKETS).then(|| u64::from(self.first_bucket_ns).saturating_mul(factor))

@@ -36,7 +36,8 @@ pub struct DeviceInfo<'a> {
 pub struct Uploads {
     /// Bytes of a [`Request::Chunk`] at most: [`MAX_CHUNK`] or less.
     pub chunk_bytes: u16,
-    /// Bytes of the blob that may be on their way, sent and not answered yet, whatever the size of the chunks that they are in.
+    /// Bytes of the blob that may be on their way, sent and not answered yet, whatever the size of
+    /// the chunks that they are in.
     pub window_bytes: u16,
 }
 
@@ -72,6 +73,7 @@ pub enum Capacity {
     Nets,
     /// Groups of exclusive tasks.
     ExclusiveGroups,
-    /// Entries of the table of what a mission has in common with the one that it is to take over from warm: two for each of the [words](Capacities::arena_words).
+    /// Entries of the table of what a mission has in common with the one that it is to take over
+    /// from warm: two for each of the [words](Capacities::arena_words).
     Pairs,
 }

@@ -67,7 +67,8 @@ pub enum LinkError {
     Busy,
     /// The real-time side did not answer in time.
     NoAnswer,
-    /// A net that a port of this task is on carries values of another type. The mission must be built again.
+    /// A net that a port of this task is on carries values of another type. The mission must be
+    /// built again.
     NetTypeDiffers {
         /// Index of the task type in the blob.
         task: u16,
@@ -81,13 +82,16 @@ pub enum LinkError {
         /// The parameter, by its place among those of the signature.
         param: u16,
     },
-    /// A mission is on trial, and the buffer for the next holds the one before: confirm it or fall back first.
+    /// A mission is on trial, and the buffer for the next holds the one before: confirm it or fall
+    /// back first.
     OnTrial,
-    /// The mission of this hash is not on trial: it was confirmed already, or the robot has gone back to the one before.
+    /// The mission of this hash is not on trial: it was confirmed already, or the robot has gone
+    /// back to the one before.
     NotOnTrial,
     /// The robot has a key, which must sign this request: send it as [`Request::Signed`].
     NeedsKey,
-    /// The robot has a key, which must sign the upload: send [`Request::Sign`] before [`Request::Commit`].
+    /// The robot has a key, which must sign the upload: send [`Request::Sign`] before
+    /// [`Request::Commit`].
     NotSigned,
     /// The robot's key has not signed this.
     WrongSignature,
@@ -102,14 +106,16 @@ pub enum LinkError {
     NoKey,
     /// The robot's firmware cannot have a key.
     NoKeySupport,
-    /// What belongs to the key cannot be read, or the flash did not take it. Where it took it all the same, that holds.
+    /// What belongs to the key cannot be read, or the flash did not take it. Where it took it all
+    /// the same, that holds.
     NotKept,
     /// After a wrong signature the robot looks at none for some time: send it again then.
     TooSoon {
         /// Milliseconds until then.
         ms: u32,
     },
-    /// The flash did not take it: a mission that was to take over does not, one that was to be confirmed is so until the next reset only.
+    /// The flash did not take it: a mission that was to take over does not, one that was to be
+    /// confirmed is so until the next reset only.
     FlashRefused,
     /// Another mission runs than the one that was meant.
     OtherMission,
@@ -133,11 +139,14 @@ pub enum LinkError {
     NoStore,
     /// An emergency stop is latched: [`Request::Release`] comes first.
     EmergencyStopped,
-    /// An emergency stop is latched, or released, but the flash did not take it: a loss of power undoes it.
+    /// An emergency stop is latched, or released, but the flash did not take it: a loss of power
+    /// undoes it.
     StopNotKept,
-    /// The robot came to a request [after the time](Request::Within) that it was to be done by: it was not done.
+    /// The robot came to a request [after the time](Request::Within) that it was to be done by: it
+    /// was not done.
     Late,
-    /// There is no session, or another one: send [`Request::Identify`] and [`Request::OpenSession`].
+    /// There is no session, or another one: send [`Request::Identify`] and
+    /// [`Request::OpenSession`].
     NoSession,
     /// The proof is not that of the robot's secret, or not of this session.
     WrongProof,

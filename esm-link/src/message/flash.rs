@@ -23,7 +23,9 @@ impl Kept {
 pub struct FlashHealth {
     /// How its records are.
     pub records: RecordsState,
-    /// Places of the records that were neither blank nor whole at the start: bits that have changed, or what a loss of power has left. Where the records can be read, nothing was lost by it.
+    /// Places of the records that were neither blank nor whole at the start: bits that have
+    /// changed, or what a loss of power has left. Where the records can be read, nothing was lost
+    /// by it.
     pub flaws: u16,
     /// How often a slot for a mission was erased, both counted together.
     pub mission_erases: u32,
@@ -57,7 +59,8 @@ pub enum SlotState {
     Empty,
     /// A mission whose upload did not end.
     Unsealed,
-    /// No header with a right checksum: an upload that did not come to its end, an erase that was cut, or damage.
+    /// No header with a right checksum: an upload that did not come to its end, an erase that was
+    /// cut, or damage.
     BrokenHeader,
     /// A header of a layout that this firmware does not know.
     OtherFormat,
@@ -76,7 +79,8 @@ pub enum SlotState {
     Refused,
     /// A mission that was on trial and was not confirmed.
     TrialFailed,
-    /// A mission that may not run, for the flash did not take the word that says that it is on trial.
+    /// A mission that may not run, for the flash did not take the word that says that it is on
+    /// trial.
     TrialNotRecorded,
     /// A mission that never ran, and whose place in the order was taken by the other one.
     GivenUp,
@@ -91,9 +95,11 @@ pub enum RecordsState {
     Whole,
     /// All that was kept is there, but the flash did not take it twice: the next damage loses it.
     Once,
-    /// There were records, and none of them can be read: the robot is stopped, and takes nothing but from who [gets in](WayIn).
+    /// There were records, and none of them can be read: the robot is stopped, and takes nothing
+    /// but from who [gets in](WayIn).
     Unreadable(WayIn),
-    /// The records that can be read are older than those that were kept last, or nothing says that they are not; as with those that cannot be read.
+    /// The records that can be read are older than those that were kept last, or nothing says that
+    /// they are not; as with those that cannot be read.
     Older(WayIn),
 }
 

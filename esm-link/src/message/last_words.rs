@@ -29,7 +29,8 @@ pub enum ResetReason {
 pub struct LastWords {
     /// Why, and so why the robot started the last time.
     pub reason: ResetReason,
-    /// Robot time of the last occurrence of the interpreter's slot, in µs since that run's first macro step of its first mission; 0 if not known.
+    /// Robot time of the last occurrence of the interpreter's slot, in µs since that run's first
+    /// macro step of its first mission; 0 if not known.
     pub after_us: u64,
     /// The task instance that was being executed by a slot, by its index in the mission's blob.
     pub task: Option<u16>,
@@ -39,7 +40,8 @@ pub struct LastWords {
     pub fault: CoreFault,
     /// Who showed no sign of life, so that the watchdog was fed no more.
     pub silent: Option<Silent>,
-    /// Starts after a watchdog, a panic or a fault in a row, this one included, none of which was healthy for long.
+    /// Starts after a watchdog, a panic or a fault in a row, this one included, none of which was
+    /// healthy for long.
     pub bad_starts: u32,
 }
 
@@ -82,7 +84,8 @@ pub struct CoreFault {
 /// Who was silent for too long.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Silent {
-    /// The slot with this index in the mission's blob was executed no more; 255 stands for more, too.
+    /// The slot with this index in the mission's blob was executed no more; 255 stands for more,
+    /// too.
     Slot(u8),
     /// The link got no turn.
     Link,
@@ -96,7 +99,8 @@ pub enum Silent {
 const SLOT_0_FOR_LINK: u32 = 3 + u8::MAX as u32 + 1;
 
 impl Silent {
-    /// Whether it came of what somebody sent over the line. Such a reset is not counted against the mission.
+    /// Whether it came of what somebody sent over the line. Such a reset is not counted against the
+    /// mission.
     pub fn is_load_from_outside(self) -> bool {
         self == Silent::Slot0ForLink
     }

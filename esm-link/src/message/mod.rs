@@ -1,6 +1,7 @@
 //! What host and robot say to each other. Messages are postcard, in [frames](crate::frame).
 //!
-//! *Invariant:* a message is encoded by the order of its variants and fields: who changes an order changes the protocol, and says so in [`PROTOCOL_VERSION`].
+//! *Invariant:* a message is encoded by the order of its variants and fields: who changes an order
+//! changes the protocol, and says so in [`PROTOCOL_VERSION`].
 
 mod counters;
 mod device_info;
@@ -29,8 +30,8 @@ use serde::{Deserialize, Serialize};
 use crate::access::PROOF_BYTES;
 use crate::news::News;
 
-/// Version of everything in this module. A host and a robot with different versions only exchange [`Request::Hello`], whose
-/// encoding, and that of its answer's first field, never changes.
+/// Version of everything in this module. A host and a robot with different versions only exchange
+/// [`Request::Hello`], whose encoding, and that of its answer's first field, never changes.
 pub const PROTOCOL_VERSION: u16 = 4;
 /// Greatest number of bytes in [`Request::Chunk`].
 pub const MAX_CHUNK: usize = 176;
@@ -59,19 +60,21 @@ pub enum FromDevice<'a> {
         /// What came of it.
         #[serde(borrow)]
         result: Result<Response<'a>, LinkError>,
-        /// The [kind](Request::kind) of the request, of the innermost where one holds another; [`UNKNOWN`]
-        /// of a message that is no request.
+        /// The [kind](Request::kind) of the request, of the innermost where one holds another;
+        /// [`UNKNOWN`] of a message that is no request.
         of: u8,
     },
     /// A part of a stream.
     Stream(#[serde(borrow)] Stream<'a>),
     /// What the host wanted to be told.
     News(News),
-    /// The answer to a request of the owner's session, [`Request::Proven`] or [`Request::OpenSession`].
+    /// The answer to a request of the owner's session, [`Request::Proven`] or
+    /// [`Request::OpenSession`].
     Proven {
         /// The message's number, as in [`FromDevice::Reply`].
         seq: u8,
-        /// [`of_answer`](crate::proof::Session::of_answer), over the bytes of the fields that follow.
+        /// [`of_answer`](crate::proof::Session::of_answer), over the bytes of the fields that
+        /// follow.
         proof: [u8; PROOF_BYTES],
         /// As in [`FromDevice::Reply`].
         #[serde(borrow)]
@@ -87,9 +90,11 @@ pub const UNKNOWN: u8 = u8::MAX;
 /// Bytes of a [`FromDevice::Proven`] before those that its proof is of.
 pub const PROVEN_HEAD_BYTES: usize = 2 + PROOF_BYTES;
 
-/// The version that a robot tells in its answer to [`Request::Hello`], from a serialized message of any version. This much of it never changes.
+/// The version that a robot tells in its answer to [`Request::Hello`], from a serialized message of
+/// any version. This much of it never changes.
 pub fn version_in_hello(message: &[u8]) -> Option<u16> {
-    /// [`FromDevice::Reply`], its number, that it is no error, [`Response::Hello`], and [`DeviceInfo::protocol`].
+    /// [`FromDevice::Reply`], its number, that it is no error, [`Response::Hello`], and
+    /// [`DeviceInfo::protocol`].
     type Beginning = (u8, u8, u8, u8, u16);
     match postcard::take_from_bytes::<Beginning>(message) {
         Ok(((0, _, 0, 0, version), _)) => Some(version),

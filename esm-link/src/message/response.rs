@@ -29,8 +29,9 @@ pub enum Response<'a> {
     Committed {
         /// Its hash.
         mission: u32,
-        /// Active regions that went on as they were: 0 unless the swap was warm, and where the two missions have nothing in common, the one before had failed or was stopped, or
-        /// one of them has no names.
+        /// Active regions that went on as they were: 0 unless the swap was warm, and where the two
+        /// missions have nothing in common, the one before had failed or was stopped, or one of
+        /// them has no names.
         carried: u16,
     },
     /// Done, and nothing to tell.
@@ -53,12 +54,13 @@ pub enum Response<'a> {
     },
     /// To [`Request::States`].
     States {
-        /// Number of the next macro step since the mission started; those that were missed count. By it a reader of several parts sees whether they belong together.
+        /// Number of the next macro step since the mission started; those that were missed count.
+        /// By it a reader of several parts sees whether they belong together.
         step: u64,
         /// Region instances of the mission.
         total: u16,
-        /// Current local state of each region instance from the first asked for, two bytes each, little endian; [`NO_STATE`] for
-        /// a region that is not active.
+        /// Current local state of each region instance from the first asked for, two bytes each,
+        /// little endian; [`NO_STATE`] for a region that is not active.
         states: &'a [u8],
     },
     /// To [`Request::SlotCounters`].
@@ -69,15 +71,17 @@ pub enum Response<'a> {
     LastWords {
         /// What is known in numbers.
         words: LastWords,
-        /// The end of the path of the file that panicked, at most [`MAX_PLACE_BYTES`](super::MAX_PLACE_BYTES); none where none did.
+        /// The end of the path of the file that panicked, at most
+        /// [`MAX_PLACE_BYTES`](super::MAX_PLACE_BYTES); none where none did.
         file: &'a [u8],
     },
     /// To [`Request::BlackBox`].
     BlackBox {
         /// Sequence number that the next record will have: behind the newest.
         end: u32,
-        /// Records from the one asked for on, each of [`RECORD_BYTES`](crate::black_box::RECORD_BYTES); none where there are no more, and
-        /// from a robot that keeps none.
+        /// Records from the one asked for on, each of
+        /// [`RECORD_BYTES`](crate::black_box::RECORD_BYTES); none where there are no more, and from
+        /// a robot that keeps none.
         records: &'a [u8],
     },
     /// To [`Request::Challenge`].
@@ -115,7 +119,8 @@ pub enum Response<'a> {
     Features {
         /// What it was built with.
         built_in: Features,
-        /// Milliseconds that a request may take longer than others because its flash is written; 0 where nothing is.
+        /// Milliseconds that a request may take longer than others because its flash is written; 0
+        /// where nothing is.
         flash_ms: u16,
     },
     /// To [`Request::Identify`].
@@ -127,9 +132,11 @@ pub enum Response<'a> {
 pub struct Identity {
     /// The robot's public key.
     pub key: [u8; KEY_BYTES],
-    /// From which the owner of the key [derives](crate::proof::Secret::of_owner) the robot's secret.
+    /// From which the owner of the key [derives](crate::proof::Secret::of_owner) the robot's
+    /// secret.
     pub salt: [u8; SALT_BYTES],
-    /// Good for one [`Request::OpenSession`] within [`NONCE_LIFE_US`](crate::access::NONCE_LIFE_US).
+    /// Good for one [`Request::OpenSession`] within
+    /// [`NONCE_LIFE_US`](crate::access::NONCE_LIFE_US).
     pub nonce: [u8; NONCE_BYTES],
     /// Of the last upload that was accepted.
     pub counter: u64,

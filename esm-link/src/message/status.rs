@@ -24,15 +24,18 @@ pub struct Status {
     pub executed: u32,
     /// Occurrences of slots that did not start within their period, since the robot started.
     pub missed: u32,
-    /// Occurrences of slots whose tasks took longer than the slot's duration, since the robot started.
+    /// Occurrences of slots whose tasks took longer than the slot's duration, since the robot
+    /// started.
     pub overruns: u32,
-    /// Longest delay between the nominal and the actual start of an occurrence since the mission started, in nanoseconds.
+    /// Longest delay between the nominal and the actual start of an occurrence since the mission
+    /// started, in nanoseconds.
     pub max_delay_ns: u32,
     /// Trace records dropped since the robot started.
     pub trace_dropped: u32,
     /// Whether a slot-0 run is under way.
     pub background_busy: bool,
-    /// The most bytes of stack that were in use since the robot started, where the board measures it.
+    /// The most bytes of stack that were in use since the robot started, where the board measures
+    /// it.
     pub stack_bytes: Option<u32>,
     /// Why the robot started the last time.
     pub reset: ResetReason,
@@ -40,17 +43,20 @@ pub struct Status {
     pub trial: Option<Trial>,
     /// The last mission that was given up on trial since the robot started.
     pub fell_back: Option<FallBack>,
-    /// Where the mission is that runs, and what else its flash has; none of a robot that keeps no missions.
+    /// Where the mission is that runs, and what else its flash has; none of a robot that keeps no
+    /// missions.
     pub kept: Option<Kept>,
     /// Parameters whose values differ from the mission's.
     pub changed_params: u8,
     /// Records of recordings dropped since the robot started.
     pub record_dropped: u32,
-    /// Whether something that was recorded was not sent yet, or another stream's part stands before it.
+    /// Whether something that was recorded was not sent yet, or another stream's part stands before
+    /// it.
     pub record_pending: bool,
     /// Values of parameters that were [saved](Request::SaveParams) for the mission.
     pub saved_params: u8,
-    /// The button of the emergency stop is pressed, so that no [`Request::Release`] is taken; looked at while a stop is latched.
+    /// The button of the emergency stop is pressed, so that no [`Request::Release`] is taken;
+    /// looked at while a stop is latched.
     pub stop_pressed: bool,
     /// How its flash is; none of a robot that keeps nothing.
     pub flash: Option<FlashHealth>,
@@ -67,7 +73,8 @@ pub enum Mode {
     Stopped,
     /// Something broke: motors are off until [`Request::Start`] or a new mission.
     Safe(SafeReason),
-    /// Somebody stopped it for an emergency: motors are off until [`Request::Release`], whatever comes.
+    /// Somebody stopped it for an emergency: motors are off until [`Request::Release`], whatever
+    /// comes.
     EmergencyStopped,
 }
 

@@ -12,9 +12,11 @@ pub struct Stream<'a> {
     pub channel: Channel,
     /// Counts the parts of this stream, modulo 256: a gap is a part that was lost on the wire.
     pub seq: u8,
-    /// Whether `bytes` go on with a record that did not fit into the part before. Otherwise they begin with a new record.
+    /// Whether `bytes` go on with a record that did not fit into the part before. Otherwise they
+    /// begin with a new record.
     pub continues: bool,
-    /// Records (trace, record) or bytes (log) that the robot dropped so far for want of room; wraps.
+    /// Records (trace, record) or bytes (log) that the robot dropped so far for want of room;
+    /// wraps.
     pub dropped: u32,
     /// At most [`MAX_STREAM_BYTES`] bytes.
     pub bytes: &'a [u8],

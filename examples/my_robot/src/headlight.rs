@@ -6,7 +6,8 @@ use esm::rt_firmware::{Io, Step, Task, task};
 
 use crate::lamp::Lamp;
 
-/// The light goes out only where the way is free by this factor more than what lit it, so that it does not flicker.
+/// The light goes out only where the way is free by this factor more than what lit it, so that it
+/// does not flicker.
 const RELEASE_FACTOR: f32 = 1.25;
 
 /// Lights the lamp while something is nearer than `near_m` ahead; `lit` tells the mission so.

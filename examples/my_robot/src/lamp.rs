@@ -1,4 +1,5 @@
-//! The driver of a lamp: it sits on an embedded-hal trait and names no chip, so it runs on any board.
+//! The driver of a lamp: it sits on an embedded-hal trait and names no chip, so it runs on any
+//! board.
 
 use embedded_hal::digital::{OutputPin, PinState};
 
@@ -15,7 +16,8 @@ impl<P: OutputPin> Lamp<P> {
         Self { pin, lit: false }
     }
 
-    /// Lights the lamp or puts it out. Writes the pin each time, since the robot's safe state switches all outputs off behind the driver's back.
+    /// Lights the lamp or puts it out. Writes the pin each time, since the robot's safe state
+    /// switches all outputs off behind the driver's back.
     ///
     /// # Errors
     /// What the pin says.

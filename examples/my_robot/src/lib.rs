@@ -1,7 +1,8 @@
 //! A robot of one's own: the rover, with a headlight that comes on where something is near.
 //!
-//! Three things make it: a [driver](lamp) for the lamp, a [task](headlight) that owns it, and the registry [`MyRobot`], which has that task
-//! beside those that ship. The same code is a firmware (`firmware/`) and a program for the host (`src/bin/my_robot.rs`).
+//! Three things make it: a [driver](lamp) for the lamp, a [task](headlight) that owns it, and the
+//! registry [`MyRobot`], which has that task beside those that ship. The same code is a firmware
+//! (`firmware/`) and a program for the host (`src/bin/my_robot.rs`).
 #![no_std]
 
 // The firmware takes its board from there.

@@ -1,7 +1,7 @@
 //! Input files: opened without waiting, and read up to a limit.
 //!
-//! A name may stand for a pipe without a writer, which keeps whoever opens it waiting, or for a device without an end. Both
-//! are told, and neither is read.
+//! A name may stand for a pipe without a writer, which keeps whoever opens it waiting, or for a
+//! device without an end. Both are told, and neither is read.
 
 use std::fs::{self, File, FileType};
 use std::io::{self, Read};

@@ -1,4 +1,5 @@
-//! The flash of a simulated robot: its cells, in memory or in a file, and what becomes of them when power is lost in the middle of an operation.
+//! The flash of a simulated robot: its cells, in memory or in a file, and what becomes of them when
+//! power is lost in the middle of an operation.
 //!
 //! Boards reach it by the messages of `rt_firmware::body::flash`.
 
@@ -98,7 +99,8 @@ impl Flash {
         Self::of(vec![BLANK; bytes as usize], None)
     }
 
-    /// A flash whose cells are a file's, which is made if it is not there. Each operation is in the file when it is done.
+    /// A flash whose cells are a file's, which is made if it is not there. Each operation is in the
+    /// file when it is done.
     ///
     /// # Errors
     /// [`FlashError`]
@@ -165,7 +167,8 @@ impl Flash {
         self.bytes
     }
 
-    /// Lets power fail in an operation to come. From then on nobody is answered, until [`power_on`](Flash::power_on).
+    /// Lets power fail in an operation to come. From then on nobody is answered, until
+    /// [`power_on`](Flash::power_on).
     pub fn cut_power(&self, cut: PowerCut) {
         self.lock().cut = Some(cut);
     }
@@ -255,7 +258,8 @@ impl Flash {
         }
     }
 
-    /// A thread that panicked while it held the lock has left cells between two bytes of an operation, as a loss of power does.
+    /// A thread that panicked while it held the lock has left cells between two bytes of an
+    /// operation, as a loss of power does.
     fn lock(&self) -> MutexGuard<'_, Cells> {
         self.shared.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

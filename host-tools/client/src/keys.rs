@@ -1,6 +1,7 @@
 //! Keys that command robots: their files, and what they sign.
 //!
-//! A private key is a file of its owner alone, and stays on the host. It is never printed: what can be shown of a key is its [`PublicKey`].
+//! A private key is a file of its owner alone, and stays on the host. It is never printed: what can
+//! be shown of a key is its [`PublicKey`].
 
 use std::env;
 use std::fmt;
@@ -27,7 +28,8 @@ const PRIVATE_BYTES: usize = 32;
 const OWNER_ONLY: u32 = 0o600;
 const OTHERS: u32 = 0o077;
 
-/// No file of a key is longer: the mark, two letters a byte, a line's end and some words of its owner's.
+/// No file of a key is longer: the mark, two letters a byte, a line's end and some words of its
+/// owner's.
 const MAX_FILE_BYTES: u64 = 4096;
 
 /// Why there is no key.
@@ -129,7 +131,8 @@ impl SigningKey {
         SigningKey { pair }
     }
 
-    /// Makes a key and puts it into a file that must not be there yet, and that only its owner may read.
+    /// Makes a key and puts it into a file that must not be there yet, and that only its owner may
+    /// read.
     ///
     /// # Errors
     /// [`KeyError::Exists`], [`KeyError::File`], [`KeyError::NoRandomness`]
@@ -224,7 +227,8 @@ impl SigningKey {
     }
 }
 
-/// The private part in the text of a key's file. Lines that do not begin with the mark are its owner's words.
+/// The private part in the text of a key's file. Lines that do not begin with the mark are its
+/// owner's words.
 fn private_of(text: &[u8]) -> Option<Zeroizing<[u8; PRIVATE_BYTES]>> {
     let digits = text
         .split(|byte| *byte == b'\n')

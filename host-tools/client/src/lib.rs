@@ -1,7 +1,9 @@
-//! How a computer reaches a robot: files and keys, serial lines and other byte links, the link's client with uploads and
-//! streams, the emulated board and the board that is a part of this process, and runs that put them together.
+//! How a computer reaches a robot: files and keys, serial lines and other byte links, the link's
+//! client with uploads and streams, the emulated board and the board that is a part of this
+//! process, and runs that put them together.
 //!
-//! It rests on [`esm_toolkit`], which knows missions and needs no operating system. The `esm` command rests on both.
+//! It rests on [`esm_toolkit`], which knows missions and needs no operating system. The `esm`
+//! command rests on both.
 
 // All that goes to a terminal goes through the command's console, which cleans it.
 #![deny(clippy::print_stdout, clippy::print_stderr)]

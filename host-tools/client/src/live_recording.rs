@@ -1,4 +1,5 @@
-//! A recording of a robot at the other end of a line: one that runs already, changes its mission, falls silent or is reset, over a line that loses some of what it says.
+//! A recording of a robot at the other end of a line: one that runs already, changes its mission,
+//! falls silent or is reset, over a line that loses some of what it says.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -18,7 +19,8 @@ use esm_toolkit::recording::file::Head;
 use esm_toolkit::recording::writer::{Counts, RecordingWriter};
 use esm_toolkit::trace::directory::NoDirectory;
 
-/// After how much silence the robot is asked how far it is. One whose machine just has nothing to tell is left alone; any other is asked for all that its machine is, and one that was reset so
+/// After how much silence the robot is asked how far it is. One whose machine just has nothing to
+/// tell is left alone; any other is asked for all that its machine is, and one that was reset so
 /// hears that it is to go on.
 const SILENCE: Duration = Duration::from_secs(5);
 
@@ -56,7 +58,8 @@ pub struct LiveRecording<W> {
 /// All that the machine is was asked for.
 struct Asked {
     at: Instant,
-    /// How long it may take. What a bad line loses is asked for soon; a machine that stands still tells nothing.
+    /// How long it may take. What a bad line loses is asked for soon; a machine that stands still
+    /// tells nothing.
     wait: Duration,
     /// Beginnings that were there before.
     beginnings: u64,
@@ -99,8 +102,9 @@ pub enum LiveError {
 }
 
 impl<W: Write> LiveRecording<W> {
-    /// Lets a robot send `streams` and a recording, which begins with all that its machine is now. `out` gives the file, and is called where the robot does not refuse. Missions that are `known`
-    /// need not be read from the robot.
+    /// Lets a robot send `streams` and a recording, which begins with all that its machine is now.
+    /// `out` gives the file, and is called where the robot does not refuse. Missions that are
+    /// `known` need not be read from the robot.
     ///
     /// # Errors
     /// [`LiveError`]; refused with [`LinkError::NotBuiltIn`] by a firmware that cannot record.
@@ -183,8 +187,9 @@ impl<W: Write> LiveRecording<W> {
         }
     }
 
-    /// Asks for all that the machine is where something may be missing: a frame was spoiled, what was asked for did not come, or nothing came for long. Writes what came. To be called each time that
-    /// events were looked for.
+    /// Asks for all that the machine is where something may be missing: a frame was spoiled, what
+    /// was asked for did not come, or nothing came for long. Writes what came. To be called each
+    /// time that events were looked for.
     ///
     /// # Errors
     /// [`LiveError`]
@@ -235,8 +240,9 @@ impl<W: Write> LiveRecording<W> {
         self.writer.counts()
     }
 
-    /// Lets the robot tell all that it has, asks once more what the machine is, so that a replay can be compared with it, and ends the streams. Whatever becomes of that,
-    /// the file is whole; what went wrong comes with it.
+    /// Lets the robot tell all that it has, asks once more what the machine is, so that a replay
+    /// can be compared with it, and ends the streams. Whatever becomes of that, the file is whole;
+    /// what went wrong comes with it.
     ///
     /// # Errors
     /// What the file has.
@@ -270,7 +276,8 @@ impl<W: Write> LiveRecording<W> {
         self.writer.finish(None)
     }
 
-    /// Takes what is still to come; answers how many macro steps the mission of a robot has made that stands still.
+    /// Takes what is still to come; answers how many macro steps the mission of a robot has made
+    /// that stands still.
     fn take_last<L: ByteLink>(
         &mut self,
         robot: &mut LinkClient<L>,

@@ -1,7 +1,7 @@
 //! What a robot tells of itself at one moment: how it is, what runs, what was counted.
 //!
-//! The parts of a reading are asked for one after another, so that they are a few milliseconds apart. What does not change while a mission runs
-//! (its tables and names) is read once.
+//! The parts of a reading are asked for one after another, so that they are a few milliseconds
+//! apart. What does not change while a mission runs (its tables and names) is read once.
 
 use esm_core::{Refusal, Verified};
 use esm_link::message::{LinkError, Mode, ResetReason, Status, TaskCounters};
@@ -28,7 +28,8 @@ pub enum ReadError {
 }
 
 impl ReadError {
-    /// Whether the robot lost or changed its mission between two questions, so that the next reading is of another one.
+    /// Whether the robot lost or changed its mission between two questions, so that the next
+    /// reading is of another one.
     fn is_other_mission(&self) -> bool {
         let ReadError::Client(error) = self else {
             return false;
@@ -85,7 +86,8 @@ pub struct SlotReading {
     pub plan: SlotPlan,
     /// What was counted.
     pub counted: SlotReport,
-    /// When it was counted, in microseconds since the mission started: all slots of a large mission take a second to be asked for.
+    /// When it was counted, in microseconds since the mission started: all slots of a large mission
+    /// take a second to be asked for.
     pub t_us: u64,
 }
 
@@ -164,7 +166,8 @@ pub enum Tasks {
     None,
     /// All.
     All,
-    /// Those of the slot with this index: an answer takes a slot's occurrence, so that all of a large mission take seconds.
+    /// Those of the slot with this index: an answer takes a slot's occurrence, so that all of a
+    /// large mission take seconds.
     OfSlot(usize),
 }
 
@@ -306,18 +309,20 @@ impl Reader {
         }
         let blob = robot.running_blob()?;
         let verified = esm_core::verify(blob).map_err(|(_, refusal)| ReadError::Blob(refusal))?;
-        // A firmware compares texts with those of its own tasks; here there are none to compare with.
+        // A firmware compares texts with those of its own tasks; here there are none to compare
+        // with.
         esm_core::texts::check(&verified.tables()).map_err(ReadError::Blob)?;
         let known = Known::of(&verified);
-        // A mission runs as well without names, and where its paths are too long there only is less to say about it.
+        // A mission runs as well without names, and where its paths are too long there only is less
+        // to say about it.
         self.directory = Directory::named_or_numbered(&verified.tables()).ok();
         self.known = Some(known.clone());
         Ok(known)
     }
 }
 
-/// Robot time when so much of the time between two answers had passed: it goes as the clock on the wall does, or stands
-/// still. A robot may say any numbers.
+/// Robot time when so much of the time between two answers had passed: it goes as the clock on the
+/// wall does, or stands still. A robot may say any numbers.
 fn time_between(before_us: u64, now_us: u64, share: f64) -> u64 {
     let passed_us = now_us.saturating_sub(before_us);
     let part_us = (passed_us as f64 * share) as u64;

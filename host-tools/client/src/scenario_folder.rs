@@ -1,7 +1,9 @@
 //! The scenarios of a folder, each with its mission.
 //!
-//! A scenario belongs to the mission that its name begins with: `patrol.scenario` and `patrol.halt.scenario` to `patrol.esm` beside them. One for which there is none beside it
-//! belongs to the mission that its folder is named after: `patrol/halt.scenario` to `patrol.esm` beside the folder.
+//! A scenario belongs to the mission that its name begins with: `patrol.scenario` and
+//! `patrol.halt.scenario` to `patrol.esm` beside them. One for which there is none beside it
+//! belongs to the mission that its folder is named after: `patrol/halt.scenario` to `patrol.esm`
+//! beside the folder.
 
 use std::fs;
 use std::io;
@@ -32,8 +34,8 @@ pub struct FolderError {
     pub cause: io::Error,
 }
 
-/// All scenarios in a folder and the folders in it, sorted by path. Hidden folders are left out, and links to folders are not followed. A path that is itself
-/// a scenario is the only one.
+/// All scenarios in a folder and the folders in it, sorted by path. Hidden folders are left out,
+/// and links to folders are not followed. A path that is itself a scenario is the only one.
 ///
 /// # Errors
 /// If a folder cannot be read.

@@ -91,7 +91,8 @@ pub fn load(path: &Path) -> Result<Checked, LoadError> {
     lang::load_from(&path.to_string_lossy(), &Disk)
 }
 
-/// As [`load`], where texts that are open in an editor count instead of the files on disk. They are given by [`identity`].
+/// As [`load`], where texts that are open in an editor count instead of the files on disk. They are
+/// given by [`identity`].
 ///
 /// # Errors
 /// The file itself cannot be read.

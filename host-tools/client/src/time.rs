@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 use esm_toolkit::schedule::Limit;
 use nix::time::{ClockId, clock_gettime};
 
-/// Processor time that this thread has taken so far. A machine that is loaded, or stands still for a while, makes work last
-/// longer, and does not make it more: so what is limited by this ends at the same place on both.
+/// Processor time that this thread has taken so far. A machine that is loaded, or stands still for
+/// a while, makes work last longer, and does not make it more: so what is limited by this ends at
+/// the same place on both.
 pub fn work_taken() -> Duration {
     // Every thread has this clock.
     clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID).map_or(Duration::ZERO, Duration::from)

@@ -14,7 +14,8 @@ pub const DEFAULT_TRIAL: Duration = Duration::from_secs(10);
 /// The trial of a mission whose macro steps are seldom is as long as so many of them.
 const TRIAL_STEPS: u32 = 20;
 
-/// What a mission has to run without a fault before it is confirmed: this time of its own, and so many macro steps.
+/// What a mission has to run without a fault before it is confirmed: this time of its own, and so
+/// many macro steps.
 const HEALTHY_US: u64 = 1_000_000;
 const HEALTHY_STEPS: u64 = 5;
 
@@ -33,7 +34,8 @@ pub enum Outcome {
     ConfirmedStopped,
     /// The robot went back to the mission before, or to none.
     FellBack(FallBack),
-    /// The robot went to its safe state for something that is not the mission's doing. The trial goes on.
+    /// The robot went to its safe state for something that is not the mission's doing. The trial
+    /// goes on.
     Safe(SafeReason),
     /// Another mission runs, or the robot was reset: nothing is known of the trial.
     Unknown,
@@ -47,7 +49,8 @@ pub fn trial_time(interpreter_period_us: u32) -> Duration {
     DEFAULT_TRIAL.max(steps)
 }
 
-/// A mission on trial, with what the robot said before: it says which mission it gave up last, but not when, and that may have been the same mission on an earlier trial.
+/// A mission on trial, with what the robot said before: it says which mission it gave up last, but
+/// not when, and that may have been the same mission on an earlier trial.
 #[derive(Clone, Copy, Debug)]
 pub struct Tried {
     mission: u32,
@@ -68,7 +71,8 @@ pub const LONGEST_TRIAL: Duration = Duration::from_secs(3600);
 const SLACK: Duration = Duration::from_secs(10);
 
 impl Tried {
-    /// The mission of this hash, on trial for such a time since a commit before which the robot said this of itself.
+    /// The mission of this hash, on trial for such a time since a commit before which the robot
+    /// said this of itself.
     pub fn since(status: &Status, mission: u32, time: Duration) -> Self {
         Tried {
             mission,
@@ -122,11 +126,13 @@ impl Tried {
     }
 }
 
-/// Watches a mission on trial until it has run well for about a second of its own time and confirms it, or until it is known that this will not be. There is something
-/// else to do meanwhile, again and again.
+/// Watches a mission on trial until it has run well for about a second of its own time and confirms
+/// it, or until it is known that this will not be. There is something else to do meanwhile, again
+/// and again.
 ///
 /// # Errors
-/// [`ClientError`]: the robot does not answer any more, and falls back by itself. Or whatever `meanwhile` has.
+/// [`ClientError`]: the robot does not answer any more, and falls back by itself. Or whatever
+/// `meanwhile` has.
 pub fn watch_and<L: ByteLink, E: From<ClientError>>(
     robot: &mut LinkClient<L>,
     mut trial: Tried,
@@ -171,7 +177,8 @@ pub fn watch_and<L: ByteLink, E: From<ClientError>>(
     }
 }
 
-/// Why a robot is in its safe state, if that is not the mission's doing: what is ends the trial within a macro step.
+/// Why a robot is in its safe state, if that is not the mission's doing: what is ends the trial
+/// within a macro step.
 fn outer_reason(mode: Mode) -> Option<SafeReason> {
     match mode {
         Mode::Safe(
@@ -212,7 +219,8 @@ impl From<End> for Outcome {
 /// Waits for the end of a trial. `left` is told how long it lasts still.
 ///
 /// # Errors
-/// [`ClientError`]: the robot does not answer any more, or whoever waits has had enough ([`LinkClient::stop_when`]).
+/// [`ClientError`]: the robot does not answer any more, or whoever waits has had enough
+/// ([`LinkClient::stop_when`]).
 pub fn outlast<L: ByteLink>(
     robot: &mut LinkClient<L>,
     mut trial: Tried,
@@ -267,7 +275,8 @@ mod tests {
             mission: NEW,
             reason: FallBackReason::Asked,
         };
-        // What ran before, what was given up before; what runs then, in which macro step after the 50th, and what was given up last.
+        // What ran before, what was given up before; what runs then, in which macro step after the
+        // 50th, and what was given up last.
         for (what, before, earlier, (runs, steps, last), end) in [
             (
                 "confirmed",

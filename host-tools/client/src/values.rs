@@ -1,6 +1,8 @@
-//! Values on nets of the mission that a robot runs: which nets there are, by name, what their values are made of, and what a sample says.
+//! Values on nets of the mission that a robot runs: which nets there are, by name, what their
+//! values are made of, and what a sample says.
 //!
-//! A net has no name of its own. It goes by the ports of task states that are on it: the path of the state, a dot, the port.
+//! A net has no name of its own. It goes by the ports of task states that are on it: the path of
+//! the state, a dot, the port.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -103,23 +105,27 @@ where
 /// A field of a value.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Field {
-    /// Its name, which ends in its unit where it has one. A value that is a number itself has one field without a name. All fields of a row share it.
+    /// Its name, which ends in its unit where it has one. A value that is a number itself has one
+    /// field without a name. All fields of a row share it.
     pub name: Arc<str>,
     /// What it can be.
     pub kind: ParameterType,
-    /// Where it stands in its word, and how many bits it has there. A word begins with the field that stands at 0.
+    /// Where it stands in its word, and how many bits it has there. A word begins with the field
+    /// that stands at 0.
     pub shift: u8,
     /// See [`shift`](Self::shift).
     pub bits: u8,
 }
 
-/// The most fields that a value has which can be told at all: beyond that, rows are not taken apart. A mission's types have no more together.
+/// The most fields that a value has which can be told at all: beyond that, rows are not taken
+/// apart. A mission's types have no more together.
 const MAX_FIELDS: usize = 1 << 16;
 
 /// Bits of a word of a sample.
 const WORD_BITS: u8 = u32::BITS as u8;
 
-/// Fields from what a robot says of them, a line each, with a row as so many fields of one name. `None` where that says something else.
+/// Fields from what a robot says of them, a line each, with a row as so many fields of one name.
+/// `None` where that says something else.
 pub fn fields_of(text: &str) -> Option<Vec<Field>> {
     let mut fields = Vec::new();
     for line in text.lines() {
@@ -276,7 +282,8 @@ impl Catalogue {
         self.nets.iter().find(has_name)
     }
 
-    /// All nets whose values say what they are made of, in groups that a sample has room for. A value that is too large for any is left out.
+    /// All nets whose values say what they are made of, in groups that a sample has room for. A
+    /// value that is too large for any is left out.
     pub fn groups(&self) -> Vec<Vec<Watched>> {
         let mut groups: Vec<Vec<Watched>> = Vec::new();
         let mut room = 0;
@@ -340,14 +347,17 @@ pub enum Told {
 /// What was on nets at the same time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reading {
-    /// Nominal start of the macro step behind which it was read, in microseconds since the mission started.
+    /// Nominal start of the macro step behind which it was read, in microseconds since the mission
+    /// started.
     pub t_us: u64,
-    /// The values of the nets that were asked for, in that order; none of a net that nothing was written to yet.
+    /// The values of the nets that were asked for, in that order; none of a net that nothing was
+    /// written to yet.
     pub values: Vec<Option<Vec<Value>>>,
 }
 
 impl Subscription {
-    /// Asks the robot for values of these nets of the mission of this hash, each `period` at most, in place of others.
+    /// Asks the robot for values of these nets of the mission of this hash, each `period` at most,
+    /// in place of others.
     ///
     /// # Errors
     /// [`ClientError`]
@@ -443,7 +453,8 @@ impl fmt::Display for Text<'_> {
 }
 
 impl Text<'_> {
-    /// The values of the fields from this one on that go by the same name: a row, which is named once.
+    /// The values of the fields from this one on that go by the same name: a row, which is named
+    /// once.
     fn row_from(&self, at: usize) -> &[Value] {
         let fields = self.fields.get(at..).unwrap_or_default();
         let name = fields.first().map(|field| &field.name);
@@ -454,7 +465,8 @@ impl Text<'_> {
     }
 }
 
-/// A value for a program: an object of its fields, in which a row is an array; of a value that is a number itself, the number.
+/// A value for a program: an object of its fields, in which a row is an array; of a value that is a
+/// number itself, the number.
 impl Serialize for Text<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         if let ([field], [value]) = (self.fields, self.values)

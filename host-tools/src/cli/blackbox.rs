@@ -19,10 +19,11 @@ use crate::link_client::ClientError;
 use crate::run::mission::{Mission, hash_text};
 use crate::trace::directory::Directory;
 
-/// Shows what happened last on a robot, from a recorder that survives a reset: states, faults, overruns, missions, resets
+/// Shows what happened last on a robot, from a recorder that survives a reset: states, faults,
+/// overruns, missions, resets
 ///
-/// The newest comes last. Times are in seconds of robot time, which begins anew with each start of the robot. States have their names where the mission is
-/// the one that runs, or is given.
+/// The newest comes last. Times are in seconds of robot time, which begins anew with each start of
+/// the robot. States have their names where the mission is the one that runs, or is given.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -26,7 +26,8 @@ const LOOK_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Starts an emulated robot that waits for missions on a serial line
 ///
-/// Runs in real time until Ctrl-C and prints the port that `esm upload`, `top`, `status`, `log`, `stop`, `start` and `tasks` take.
+/// Runs in real time until Ctrl-C and prints the port that `esm upload`, `top`, `status`, `log`,
+/// `stop`, `start` and `tasks` take.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -39,7 +40,8 @@ pub struct BoardArgs {
     #[arg(long, value_name = "BOARD", default_value = crate::boards::DEFAULT)]
     pub board: String,
 
-    /// The world to drive in: a file, or the name of one that ships, `office`, `corridor`, `track` or `empty` [default: office]
+    /// The world to drive in: a file, or the name of one that ships, `office`, `corridor`, `track`
+    /// or `empty` [default: office]
     #[arg(long, value_name = "WORLD")]
     pub world: Option<PathBuf>,
 
@@ -47,11 +49,13 @@ pub struct BoardArgs {
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
 
-    /// Keeps the robot's flash, with the missions in it, in this file: a robot that is switched off and on runs its confirmed mission by itself
+    /// Keeps the robot's flash, with the missions in it, in this file: a robot that is switched off
+    /// and on runs its confirmed mission by itself
     #[arg(long, value_name = "FILE")]
     pub flash: Option<PathBuf>,
 
-    /// Gives the button of the robot's emergency stop to the Enter key: it presses the button, and lets go of it the next time
+    /// Gives the button of the robot's emergency stop to the Enter key: it presses the button, and
+    /// lets go of it the next time
     #[arg(long)]
     pub estop: bool,
 
@@ -124,7 +128,8 @@ pub fn execute(
     Ok(())
 }
 
-/// The Enter key of whoever started the board, as the button of the emergency stop: each line of standard input presses it, or lets go of it.
+/// The Enter key of whoever started the board, as the button of the emergency stop: each line of
+/// standard input presses it, or lets go of it.
 struct Button {
     changes: Receiver<bool>,
 }

@@ -19,9 +19,11 @@ use crate::compile::NameTable;
 
 /// Says how many instructions a macro step takes at most, and what takes them
 ///
-/// The number holds for every macro step that the mission can come to, whatever its tasks do: it is worked out from the compiled mission, over all states that can be current
-/// together and all events that can follow from a pulse. What a part of a macro step takes was measured on the board. With --search the mission is run as well, with tasks that do all they can to make a
-/// macro step long: the longest that was found says how near the bound is.
+/// The number holds for every macro step that the mission can come to, whatever its tasks do: it is
+/// worked out from the compiled mission, over all states that can be current together and all
+/// events that can follow from a pulse. What a part of a macro step takes was measured on the
+/// board. With --search the mission is run as well, with tasks that do all they can to make a macro
+/// step long: the longest that was found says how near the bound is.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

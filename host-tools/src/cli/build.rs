@@ -19,9 +19,10 @@ use crate::inspect::Counts;
 
 /// Compiles a mission to the blob that a robot takes
 ///
-/// The blob holds the machine, its schedule, data paths and parameters, and the names that traces and status need. OUT appears
-/// whole or not at all: a build that fails leaves the old file alone. With --board, a mission that needs more than that board has room for is
-/// not built (E012); without, it is built, and it is told where the default board has no room for it.
+/// The blob holds the machine, its schedule, data paths and parameters, and the names that traces
+/// and status need. OUT appears whole or not at all: a build that fails leaves the old file alone.
+/// With --board, a mission that needs more than that board has room for is not built (E012);
+/// without, it is built, and it is told where the default board has no room for it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -49,7 +50,8 @@ pub struct BuildArgs {
     #[arg(long)]
     pub json: bool,
 
-    /// Leaves out all names but those of tasks: a smaller blob, of which traces and status cannot say what it does
+    /// Leaves out all names but those of tasks: a smaller blob, of which traces and status cannot
+    /// say what it does
     #[arg(long)]
     pub strip: bool,
 }

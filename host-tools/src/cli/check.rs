@@ -16,18 +16,22 @@ use crate::compile::{NameTable, machine_without_regions};
 use crate::lang::{self, Checked, Code, Diagnostic, Severity};
 use crate::time::work_limit;
 
-/// What `--fix` mends: how something is written, and a name that was probably meant. Behind the fixes of other codes stands a choice, such as
-/// the value of a parameter, that only a person can make.
+/// What `--fix` mends: how something is written, and a name that was probably meant. Behind the
+/// fixes of other codes stands a choice, such as the value of a parameter, that only a person can
+/// make.
 const MENDED: [Code; 3] = [Code::E001, Code::E002, Code::E006];
 
-/// As many mistakes are mended at a time: each is a check of the whole set, and who has more runs the command again.
+/// As many mistakes are mended at a time: each is a check of the whole set, and who has more runs
+/// the command again.
 const MAX_MENDED: usize = 100;
 
 /// Says what is wrong with a mission: every error and warning at once
 ///
-/// Reads FILE and all that it uses, and reports each mistake with its code, its place, the source line and, where there is one,
-/// the likely fix, with the line as it would be (`fix:`). Of the files that FILE takes in, what is unused is only counted. A mission without other errors is also compared with what the board has room for. The exit status is 1 if there is
-/// an error; warnings alone leave it 0.
+/// Reads FILE and all that it uses, and reports each mistake with its code, its place, the source
+/// line and, where there is one, the likely fix, with the line as it would be (`fix:`). Of the
+/// files that FILE takes in, what is unused is only counted. A mission without other errors is also
+/// compared with what the board has room for. The exit status is 1 if there is an error; warnings
+/// alone leave it 0.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -51,7 +55,8 @@ pub struct CheckArgs {
     #[arg(long)]
     pub all: bool,
 
-    /// Mend FILE first: each mistake in how it is written (E001, E002, E006) that has one fix and no other
+    /// Mend FILE first: each mistake in how it is written (E001, E002, E006) that has one fix and
+    /// no other
     #[arg(long)]
     pub fix: bool,
 
@@ -115,8 +120,9 @@ pub fn execute(args: &CheckArgs, console: &mut Console) -> Result<(), CommandErr
     }
 }
 
-/// Mends the mistakes of a file that have one fix and no other, and writes the file where it has changed. A file with
-/// errors does nothing yet that a change could spoil; what a warning is about may be meant.
+/// Mends the mistakes of a file that have one fix and no other, and writes the file where it has
+/// changed. A file with errors does nothing yet that a change could spoil; what a warning is about
+/// may be meant.
 fn mend(path: &Path, console: &mut Console) -> Result<(), CommandError> {
     let mut checked = mission::read(path)?;
     let identity = lang::identity(path);

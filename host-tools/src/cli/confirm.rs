@@ -14,7 +14,8 @@ use crate::run::story;
 
 /// Ends the trial of the mission that a robot runs: it stays
 ///
-/// The robot forgets the mission before. Without this, it goes back to it by itself when the time of the trial is over.
+/// The robot forgets the mission before. Without this, it goes back to it by itself when the time
+/// of the trial is over.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -38,7 +39,8 @@ pub fn execute(args: &ConfirmArgs, console: &mut Console) -> Result<(), CommandE
     Ok(())
 }
 
-/// Hash of the mission that runs and is not confirmed: on trial, or behind it, where the flash has refused to keep that it is confirmed.
+/// Hash of the mission that runs and is not confirmed: on trial, or behind it, where the flash has
+/// refused to keep that it is confirmed.
 ///
 /// # Errors
 /// There is none.

@@ -1,10 +1,12 @@
 //! Standard output and standard error, as a person or a program sees them.
 //!
-//! Results go to standard output through a buffer; words for people go to standard error. A command never uses `println!`, which
-//! panics when the reader has gone: it writes to [`Console::out`] and passes the error on, which ends the command quietly.
+//! Results go to standard output through a buffer; words for people go to standard error. A command
+//! never uses `println!`, which panics when the reader has gone: it writes to [`Console::out`] and
+//! passes the error on, which ends the command quietly.
 //!
-//! *Invariant:* nobody else has the streams of the process (`clippy.toml` sees to that), and what passes here is [clean](crate::clean): of control characters a
-//! terminal gets ends of lines, this program's own colours, and what draws a screen or a bar.
+//! *Invariant:* nobody else has the streams of the process (`clippy.toml` sees to that), and what
+//! passes here is [clean](crate::clean): of control characters a terminal gets ends of lines, this
+//! program's own colours, and what draws a screen or a bar.
 
 use std::backtrace::{Backtrace, BacktraceStatus};
 use std::ffi::OsStr;
@@ -42,7 +44,8 @@ pub struct Console {
 }
 
 impl Console {
-    /// The console of this process: colour only on a terminal, and not where `NO_COLOR` is set or `TERM` is `dumb`; progress only on one whose cursor moves.
+    /// The console of this process: colour only on a terminal, and not where `NO_COLOR` is set or
+    /// `TERM` is `dumb`; progress only on one whose cursor moves.
     pub fn of_this_process() -> Self {
         let term = std::env::var_os("TERM");
         let (out, error) = (process_out(), process_error());
@@ -58,7 +61,8 @@ impl Console {
         }
     }
 
-    /// A console whose streams go elsewhere, to where there is no terminal: for a program that has commands run within it.
+    /// A console whose streams go elsewhere, to where there is no terminal: for a program that has
+    /// commands run within it.
     pub fn onto(out: impl Write + Send + 'static, error: impl Write + Send + 'static) -> Self {
         let out: Box<dyn Write + Send> = Box::new(out);
         let error: Box<dyn Write + Send> = Box::new(error);
@@ -73,7 +77,8 @@ impl Console {
         }
     }
 
-    /// Standard output for text, buffered. It is flushed when the command ends and by [`Console::flush`].
+    /// Standard output for text, buffered. It is flushed when the command ends and by
+    /// [`Console::flush`].
     pub fn out(&mut self) -> &mut impl Write {
         self.out.set_form(Form::Text);
         &mut self.out
@@ -143,12 +148,14 @@ impl Console {
             .map_or(COLUMNS, |(Width(columns), _)| columns.into())
     }
 
-    /// A word for the person on standard error. Output written before comes before it, where both end on one screen.
+    /// A word for the person on standard error. Output written before comes before it, where both
+    /// end on one screen.
     pub fn note(&mut self, text: &str) {
         self.say(Form::Text, &text);
     }
 
-    /// The same of a text whose colours are of this program. Words of others in it were [cleaned](crate::clean::clean) before it was coloured.
+    /// The same of a text whose colours are of this program. Words of others in it were
+    /// [cleaned](crate::clean::clean) before it was coloured.
     pub fn coloured(&mut self, text: &str) {
         self.say(Form::Coloured, &text);
     }
@@ -173,7 +180,8 @@ impl Console {
         }
     }
 
-    /// A progress bar on standard error over `length` units of work. Hidden where standard error is no terminal with a cursor.
+    /// A progress bar on standard error over `length` units of work. Hidden where standard error is
+    /// no terminal with a cursor.
     pub fn progress(&self, label: &str, length: u64) -> Progress {
         let bar = ProgressBar::with_draw_target(Some(length), self.progress_target());
         bar.set_style(bar_style("{msg} [{bar:32}] {percent:>3} % {elapsed}"));
@@ -200,8 +208,8 @@ impl Console {
         }
     }
 
-    /// A sign of life on standard error for work of unknown length, once it has lasted 0.3 s. None where standard error is no
-    /// terminal with a cursor.
+    /// A sign of life on standard error for work of unknown length, once it has lasted 0.3 s. None
+    /// where standard error is no terminal with a cursor.
     pub fn spinner(&self, label: &str) -> Spinner {
         Spinner {
             watch: self
@@ -286,13 +294,15 @@ impl Drop for Spinner {
     fn drop(&mut self) {
         if let Some(Watch { work, thread }) = self.watch.take() {
             drop(work);
-            // It ends as soon as it sees that the work has. Had it failed, there would only be no sign of life.
+            // It ends as soon as it sees that the work has. Had it failed, there would only be no
+            // sign of life.
             let _ = thread.join();
         }
     }
 }
 
-/// An error and what caused it, from the outside in. A cause that the error before it repeats is told once.
+/// An error and what caused it, from the outside in. A cause that the error before it repeats is
+/// told once.
 fn chain(error: &anyhow::Error) -> String {
     let mut told = String::new();
     for cause in error.chain().map(ToString::to_string) {
@@ -339,12 +349,14 @@ pub fn take_over_panics() {
     }));
 }
 
-/// A style for a bar; the plain one should the template not parse, since a bar is never worth a failure.
+/// A style for a bar; the plain one should the template not parse, since a bar is never worth a
+/// failure.
 fn bar_style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// Whether the environment lets a terminal be coloured. An empty `NO_COLOR` counts as not set (no-color.org).
+/// Whether the environment lets a terminal be coloured. An empty `NO_COLOR` counts as not set
+/// (no-color.org).
 fn colour_allowed(no_color: Option<&OsStr>, term: Option<&OsStr>) -> bool {
     no_color.is_none_or(OsStr::is_empty) && !is_dumb(term)
 }

@@ -14,7 +14,8 @@ const SHOWN: usize = 100;
 
 /// Says how two missions differ: states, transitions, parameters, tasks, slots, ways of data
 ///
-/// Compares what robots get: the tables of the blobs, by name. `esm upload --diff` does the same with the mission that a robot runs.
+/// Compares what robots get: the tables of the blobs, by name. `esm upload --diff` does the same
+/// with the mission that a robot runs.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -13,7 +13,8 @@ const MAX_SHOWN_LINES: usize = 12;
 /// How much of a line is shown, in characters.
 const MAX_SHOWN_CHARACTERS: usize = 120;
 
-/// The first lines in which two texts differ: those that go with `-`, those that come with `+`, under the number of the first one.
+/// The first lines in which two texts differ: those that go with `-`, those that come with `+`,
+/// under the number of the first one.
 pub fn first(before: &str, after: &str) -> String {
     let same = before
         .split_inclusive('\n')
@@ -36,7 +37,8 @@ pub fn first(before: &str, after: &str) -> String {
     text
 }
 
-/// Two lines that differ, one below the other; an empty text is none. Of long ones the part is shown in which they differ first.
+/// Two lines that differ, one below the other; an empty text is none. Of long ones the part is
+/// shown in which they differ first.
 pub fn of_lines(before: &str, after: &str) -> String {
     let pairs = before.chars().zip(after.chars());
     let same = pairs.take_while(|(before, after)| before == after).count();

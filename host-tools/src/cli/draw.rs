@@ -12,8 +12,9 @@ use crate::diagram::{self, DrawError, Options};
 
 /// Draws the state diagram of a mission, in the symbols of the ESM language
 ///
-/// Superstates are drawn with the machine that is inside them, task states with their data ports and the paths between. A file without a machine
-/// shows its containers, one under the other. The picture is SVG, or PNG where OUT ends in .png.
+/// Superstates are drawn with the machine that is inside them, task states with their data ports
+/// and the paths between. A file without a machine shows its containers, one under the other. The
+/// picture is SVG, or PNG where OUT ends in .png.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -53,7 +54,8 @@ pub struct DrawArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// If the file cannot be read or has errors, if what it says is too large for a picture, or if the picture cannot be written.
+/// If the file cannot be read or has errors, if what it says is too large for a picture, or if the
+/// picture cannot be written.
 pub fn execute(args: &DrawArgs, console: &mut Console) -> Result<(), CommandError> {
     file::keep_sources(&args.output, [args.file.as_path()])?;
     let checked = mission::read(&args.file)?;

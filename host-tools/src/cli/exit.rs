@@ -24,7 +24,8 @@ impl From<ExitStatus> for ExitCode {
     }
 }
 
-/// Why a command did not end well. One variant an exit status, so that whoever makes one says whose fault it is.
+/// Why a command did not end well. One variant an exit status, so that whoever makes one says whose
+/// fault it is.
 #[derive(Debug)]
 pub enum CommandError {
     /// The input has errors or an expectation failed; the command has said so already, in full.
@@ -35,7 +36,8 @@ pub enum CommandError {
     Usage(anyhow::Error),
     /// The outside world failed.
     World(anyhow::Error),
-    /// Whoever read the output has closed it (`esm … | head`): nothing is wrong, and there is nobody to tell.
+    /// Whoever read the output has closed it (`esm … | head`): nothing is wrong, and there is
+    /// nobody to tell.
     NobodyListens,
 }
 

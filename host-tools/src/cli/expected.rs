@@ -1,4 +1,5 @@
-//! A trace that is compared with an expected one, line by line as it comes, in memory that does not grow with them.
+//! A trace that is compared with an expected one, line by line as it comes, in memory that does not
+//! grow with them.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read};

@@ -12,8 +12,8 @@ use crate::nearest::nearest;
 
 /// Explains the codes of errors and warnings
 ///
-/// Says what a code means, why it matters on the robot, and shows a file that gets it and one that does not. Without CODE it lists all
-/// codes. The book has the same pages.
+/// Says what a code means, why it matters on the robot, and shows a file that gets it and one that
+/// does not. Without CODE it lists all codes. The book has the same pages.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -79,7 +79,7 @@ fn page(code: Code) -> &'static str {
     )
 }
 
-// ─── Markdown for a terminal ──────────────────────────────────────────────────────────────────────────────────────────
+// ─── Markdown for a terminal ─────────────────────────────────────────────────────────────────────
 
 /// The widest line of prose, in characters.
 const WIDTH: usize = 96;
@@ -87,7 +87,8 @@ const WIDTH: usize = 96;
 /// Code stands so far to the right.
 const CODE_INDENT: &str = "    ";
 
-/// Rewrites the Markdown of the pages as plain text: headings without marks, code indented, lines of prose broken.
+/// Rewrites the Markdown of the pages as plain text: headings without marks, code indented, lines
+/// of prose broken.
 fn for_terminal(markdown: &str) -> String {
     let mut text = String::new();
     let mut is_code = false;

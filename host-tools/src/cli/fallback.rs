@@ -12,7 +12,8 @@ use crate::run::mission::hash_text;
 
 /// Gives up the mission that a robot runs on trial: the one before runs again, from its beginning
 ///
-/// The robot changes over between two macro steps. Where there was no mission before, its motors are off.
+/// The robot changes over between two macro steps. Where there was no mission before, its motors
+/// are off.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:

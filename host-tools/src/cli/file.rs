@@ -38,7 +38,9 @@ pub fn read_text(path: &Path, what: &str) -> Result<String, CommandError> {
 /// Endings of files that people write.
 const SOURCES: [&str; 3] = ["esm", "scenario", "world"];
 
-/// Refuses an output in the place of something that cannot be had again: a file that the command reads or keeps, any mission, scenario or world, which a mission may use, and the recording of a robot.
+/// Refuses an output in the place of something that cannot be had again: a file that the command
+/// reads or keeps, any mission, scenario or world, which a mission may use, and the recording of a
+/// robot.
 ///
 /// # Errors
 /// If such a file is there: then the command line is wrong.
@@ -128,7 +130,8 @@ pub fn create(path: &Path, what: &str) -> Result<BufWriter<File>, CommandError> 
     Ok(BufWriter::new(file.map_err(CommandError::World)?))
 }
 
-/// Writes a whole output file: it appears complete or not at all, and an old one stays where the new one cannot be written.
+/// Writes a whole output file: it appears complete or not at all, and an old one stays where the
+/// new one cannot be written.
 ///
 /// # Errors
 /// If it cannot be written: then the outside world has failed.
@@ -252,9 +255,11 @@ fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     written
 }
 
-/// What an output is written to, and, if it takes a name only when it is complete, the names before and then.
+/// What an output is written to, and, if it takes a name only when it is complete, the names before
+/// and then.
 fn draft(path: &Path) -> io::Result<(File, Option<(PathBuf, PathBuf)>)> {
-    // A link keeps pointing to the file that it names, and a device or pipe is written to, never replaced.
+    // A link keeps pointing to the file that it names, and a device or pipe is written to, never
+    // replaced.
     let target = match fs::metadata(path) {
         Ok(found) if !found.is_file() => {
             return Ok((OpenOptions::new().write(true).open(path)?, None));

@@ -27,9 +27,10 @@ const STANDARD_INPUT_NAME: &str = "<standard input>";
 
 /// Lays files out in the one layout that all missions have
 ///
-/// Blanks, line breaks and empty lines change, and nothing else: every word and comment stays, in its order. A file that has the
-/// layout already is not touched, one with syntax errors is left alone, and a file is replaced whole or not at all. Of a folder
-/// all `.esm` files in it are taken, at any depth, but not what starts with a dot.
+/// Blanks, line breaks and empty lines change, and nothing else: every word and comment stays, in
+/// its order. A file that has the layout already is not touched, one with syntax errors is left
+/// alone, and a file is replaced whole or not at all. Of a folder all `.esm` files in it are taken,
+/// at any depth, but not what starts with a dot.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -42,7 +43,8 @@ pub struct FmtArgs {
     #[arg(value_name = "FILE", required = true)]
     pub files: Vec<PathBuf>,
 
-    /// Change nothing: name the files that would change, show where, and end with status 1 if there are any
+    /// Change nothing: name the files that would change, show where, and end with status 1 if there
+    /// are any
     #[arg(long, conflicts_with = "stdout")]
     pub check: bool,
 
@@ -54,7 +56,8 @@ pub struct FmtArgs {
 /// Runs the command. Every file is done, whatever is wrong with those before it.
 ///
 /// # Errors
-/// If a file cannot be read or has syntax errors, or if it would change and `--check` was given; else what kept it from being written.
+/// If a file cannot be read or has syntax errors, or if it would change and `--check` was given;
+/// else what kept it from being written.
 pub fn execute(args: &FmtArgs, console: &mut Console) -> Result<(), CommandError> {
     let is_input = |path: &PathBuf| path.as_os_str() == STANDARD_INPUT;
     if args.files.iter().any(is_input) || args.stdout {

@@ -15,8 +15,9 @@ use crate::time::work_limit;
 
 /// Shows what is in a blob, read by the code that the firmware uses
 ///
-/// A blob that the firmware would refuse is refused here, with the reason and the place. With --esm the blob is given back as source, which compiles to the same
-/// bytes; names that are not in the blob are made up.
+/// A blob that the firmware would refuse is refused here, with the reason and the place. With --esm
+/// the blob is given back as source, which compiles to the same bytes; names that are not in the
+/// blob are made up.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -40,7 +41,8 @@ pub struct InspectArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// If the blob cannot be read or is refused, or if it is to be given back as source and is not the blob of any.
+/// If the blob cannot be read or is refused, or if it is to be given back as source and is not the
+/// blob of any.
 pub fn execute(args: &InspectArgs, console: &mut Console) -> Result<(), CommandError> {
     let verified = stage::verified(&args.blob, file::read(&args.blob, MAX_BLOB_BYTES, "blob")?)?;
     if args.esm {

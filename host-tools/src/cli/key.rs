@@ -19,8 +19,9 @@ use crate::link_client::ClientError;
 
 /// Makes and installs the key without which a robot takes no commands
 ///
-/// A robot takes missions and commands from anyone who reaches its line, until it has a key. From then on it takes them only if the key has signed them. Reading
-/// stays open to everyone, and so does `esm stop`.
+/// A robot takes missions and commands from anyone who reaches its line, until it has a key. From
+/// then on it takes them only if the key has signed them. Reading stays open to everyone, and so
+/// does `esm stop`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -35,18 +35,20 @@ const LISTEN_TIME: Duration = Duration::from_millis(100);
 /// How often that long is waited before a port that `esm stop` has is tried again.
 const PAUSES_A_TRY: u32 = 5;
 
-/// How long `esm stop` may have the port before the log is given up: longer than it waits for any answer.
+/// How long `esm stop` may have the port before the log is given up: longer than it waits for any
+/// answer.
 const RETURN_WAIT: Duration = Duration::from_secs(40);
 
 /// Shows what the firmware logs, decoded, as it comes
 ///
 /// Runs until Ctrl-C. Lines that are missing are counted and told where they were: `12 lines lost`.
-/// `esm stop` from elsewhere takes the port over for the time that it needs, which
-/// is said; the log goes on after it, a recording ends with it. Where a line begins with a time, it is in seconds of
+/// `esm stop` from elsewhere takes the port over for the time that it needs, which is said; the log
+/// goes on after it, a recording ends with it. Where a line begins with a time, it is in seconds of
 /// the board's clock, since it was switched on.
 ///
-/// With --record, what enters the robot's interpreter is kept as it comes, for `esm replay`: from now on, with all that the machine is now. What the line loses is a gap,
-/// which is said, and behind which the recording goes on. The file is whole whatever ends the command.
+/// With --record, what enters the robot's interpreter is kept as it comes, for `esm replay`: from
+/// now on, with all that the machine is now. What the line loses is a gap, which is said, and
+/// behind which the recording goes on. The file is whole whatever ends the command.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -67,7 +69,8 @@ pub struct LogArgs {
     #[arg(long, value_name = "ELF", env = "ESM_FIRMWARE")]
     pub firmware: Option<PathBuf>,
 
-    /// Shows, too, when the robot's mission, the trial of that or its mode changes, and how it is each TIME of the mission's, if one is given
+    /// Shows, too, when the robot's mission, the trial of that or its mode changes, and how it is
+    /// each TIME of the mission's, if one is given
     #[arg(long, value_name = "TIME", num_args = 0..=1, default_missing_value = "0 s")]
     pub news: Option<Time>,
 
@@ -172,7 +175,8 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
         json: args.json,
     };
     loop {
-        // What is asked of the robot meanwhile need not come to its end if the person has seen enough, and there is no end otherwise.
+        // What is asked of the robot meanwhile need not come to its end if the person has seen
+        // enough, and there is no end otherwise.
         listener.robot.limit_waits(None);
         listener
             .robot
@@ -202,7 +206,8 @@ fn watch(args: &LogArgs, robot: &mut Robot) -> Result<(), CommandError> {
     Ok(())
 }
 
-/// What is wanted beside a recording: the log. A robot that keeps none can be listened to all the same, if there is something else to hear.
+/// What is wanted beside a recording: the log. A robot that keeps none can be listened to all the
+/// same, if there is something else to hear.
 fn wanted(
     args: &LogArgs,
     robot: &mut Robot,
@@ -265,8 +270,8 @@ impl Listener {
         Ok(())
     }
 
-    /// Waits until `esm stop` has done what it has taken the line for, and goes on. `None` after Ctrl-C. A recording
-    /// ends instead: it is whole up to there.
+    /// Waits until `esm stop` has done what it has taken the line for, and goes on. `None` after
+    /// Ctrl-C. A recording ends instead: it is whole up to there.
     fn begin_again(
         self,
         args: &LogArgs,
@@ -505,7 +510,8 @@ impl Told {
     }
 }
 
-/// What decodes the log of that board: the host board's is plain text, another's needs its firmware's file.
+/// What decodes the log of that board: the host board's is plain text, another's needs its
+/// firmware's file.
 fn reader(
     board: &str,
     named: Option<&Path>,

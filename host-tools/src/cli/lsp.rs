@@ -13,8 +13,8 @@ use crate::time::work_taken;
 
 /// Serves an editor: diagnostics, definitions, completion, renaming, layout
 ///
-/// Speaks the Language Server Protocol on standard input and output. Editors start it; the book's chapter on editors says how
-/// to set them up.
+/// Speaks the Language Server Protocol on standard input and output. Editors start it; the book's
+/// chapter on editors says how to set them up.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -39,7 +39,8 @@ pub fn execute(_args: &LspArgs) -> Result<(), CommandError> {
     }
 }
 
-/// Serves an editor on standard input and output. A second thread reads, so that what comes in during a check is taken together.
+/// Serves an editor on standard input and output. A second thread reads, so that what comes in
+/// during a check is taken together.
 fn serve() -> io::Result<Ended> {
     let (sender, receiver) = mpsc::sync_channel(MESSAGES_AHEAD);
     // It ends with the stream, or with the process.

@@ -22,7 +22,8 @@ use crate::trace::directory::Directory;
 /// How a blob begins, so that it is told from a source.
 pub const BLOB_MARK: &[u8; 4] = b"ESM2";
 
-/// How long commands that need start times, and no more, search for them: as long as `esm schedule` does where nothing else is asked for.
+/// How long commands that need start times, and no more, search for them: as long as `esm schedule`
+/// does where nothing else is asked for.
 pub const LAY_OUT_LIMIT: Duration = Duration::from_secs(5);
 
 /// Reads a file and all that it uses.
@@ -48,7 +49,8 @@ pub fn refuse_blob(path: &Path) -> Result<(), CommandError> {
     Ok(())
 }
 
-/// Whether the file begins as a blob does. One that cannot be read does not; whoever reads it next says why.
+/// Whether the file begins as a blob does. One that cannot be read does not; whoever reads it next
+/// says why.
 fn is_blob(path: &Path) -> bool {
     let mut beginning = [0; BLOB_MARK.len()];
     // Looked at only where that cannot wait: what a pipe gives can be read but once.
@@ -120,7 +122,8 @@ fn tell_person(messages: &str, first_code: Option<Code>, console: &mut Console) 
     }
 }
 
-/// Compiles the mission in a file, for a board if one is given. Warnings are told to the person; errors to whom is asked for.
+/// Compiles the mission in a file, for a board if one is given. Warnings are told to the person;
+/// errors to whom is asked for.
 ///
 /// # Errors
 /// If the file cannot be read or has errors; these are told already.
@@ -161,8 +164,8 @@ pub fn compiled_from(
     blob.map(|blob| (checked, blob)).ok_or(CommandError::Told)
 }
 
-/// The passes behind the language: a schedule for the slots (E011), then the blob, if there is a machine and all else is right (E012).
-/// What is wrong is added to `checked`.
+/// The passes behind the language: a schedule for the slots (E011), then the blob, if there is a
+/// machine and all else is right (E012). What is wrong is added to `checked`.
 ///
 /// # Errors
 /// If the machine has nothing to run, or this program has a defect.

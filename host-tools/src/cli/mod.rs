@@ -1,7 +1,8 @@
 //! The `esm` command: one file a subcommand.
 //!
-//! A subcommand's file holds its arguments as a plain struct with public fields, the help text that a person reads, and a function
-//! `execute` that does the work through the library. Nothing here decides what a machine means; that is asked of the rooms behind.
+//! A subcommand's file holds its arguments as a plain struct with public fields, the help text that
+//! a person reads, and a function `execute` that does the work through the library. Nothing here
+//! decides what a machine means; that is asked of the rooms behind.
 //!
 //! | module | what it holds |
 //! |---|---|
@@ -65,7 +66,8 @@ use exit::CommandError;
 
 use crate::host_board::{self, RobotMaker};
 
-/// Describe what a robot does as state machines, check it, try it, and upload it while the robot stays on.
+/// Describe what a robot does as state machines, check it, try it, and upload it while the robot
+/// stays on.
 #[derive(Debug, Parser)]
 #[command(
     name = "esm",
@@ -129,12 +131,14 @@ pub enum Command {
     Tasks(tasks::TasksArgs),
 }
 
-/// Runs the command with the arguments and the streams of this process. The board `host` has the robot that ships.
+/// Runs the command with the arguments and the streams of this process. The board `host` has the
+/// robot that ships.
 pub fn main() -> ExitCode {
     main_with(host_board::rover)
 }
 
-/// As [`main`], with a robot of one's own on the board `host`: the main function of a user's host program.
+/// As [`main`], with a robot of one's own on the board `host`: the main function of a user's host
+/// program.
 ///
 /// ```no_run
 /// use rt_firmware::rover::PinRover;

@@ -1,4 +1,5 @@
-//! `esm param`: parameters of the mission that a robot runs, read, changed and saved while it drives.
+//! `esm param`: parameters of the mission that a robot runs, read, changed and saved while it
+//! drives.
 
 use std::fmt::Write as _;
 
@@ -69,8 +70,9 @@ pub struct GetArgs {
 
 /// Gives a parameter another value, from the next macro step on
 ///
-/// The value holds for all instances of the task state, until a mission starts or starts anew, or beyond that if it is saved. The robot takes what is within
-/// the bounds that its firmware's task declares.
+/// The value holds for all instances of the task state, until a mission starts or starts anew, or
+/// beyond that if it is saved. The robot takes what is within the bounds that its firmware's task
+/// declares.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -96,8 +98,8 @@ pub struct SetArgs {
 
 /// Keeps the values that differ now in the robot's flash, for the mission that runs
 ///
-/// Each time that this mission starts from now on, it starts with them. They take the place of what was saved before, for this mission or another. Where nothing
-/// differs, nothing is saved any more.
+/// Each time that this mission starts from now on, it starts with them. They take the place of what
+/// was saved before, for this mission or another. Where nothing differs, nothing is saved any more.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

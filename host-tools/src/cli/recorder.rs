@@ -23,7 +23,8 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Begins a recording with all that the robot's machine is now. Missions that are `known` need not be read from the robot.
+    /// Begins a recording with all that the robot's machine is now. Missions that are `known` need
+    /// not be read from the robot.
     ///
     /// # Errors
     /// What is wrong with the robot, its line or the file.
@@ -76,7 +77,8 @@ impl Recorder {
         (self.recording.look_after(robot)).map_err(|error| failed(error, &self.path))
     }
 
-    /// Takes all that came, and asks for what is missing, while something else matters more: if the recording cannot go on, that is said, and told at the end.
+    /// Takes all that came, and asks for what is missing, while something else matters more: if the
+    /// recording cannot go on, that is said, and told at the end.
     ///
     /// # Errors
     /// What is wrong with the robot or its line.
@@ -95,7 +97,8 @@ impl Recorder {
         self.unless_broken(kept, console)
     }
 
-    /// Takes a mission that the robot is about to be given, and waits until all is there that was asked for, so that its beginning follows from that. As [`Recorder::keep_up`].
+    /// Takes a mission that the robot is about to be given, and waits until all is there that was
+    /// asked for, so that its beginning follows from that. As [`Recorder::keep_up`].
     ///
     /// # Errors
     /// What is wrong with the robot or its line.
@@ -129,7 +132,8 @@ impl Recorder {
         Ok(())
     }
 
-    /// Ends the recording, with what the robot has still to say where all went well, and says what it holds. What came is in the file, whatever has ended it.
+    /// Ends the recording, with what the robot has still to say where all went well, and says what
+    /// it holds. What came is in the file, whatever has ended it.
     ///
     /// # Errors
     /// What had ended it before; or what is wrong with the file.

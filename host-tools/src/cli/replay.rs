@@ -27,8 +27,9 @@ use crate::run::mission::hash_text;
 
 /// Runs what a recording holds once more, through the same interpreter, to the same trace
 ///
-/// A recording has what entered the robot's interpreter: changes of flags, times, missions. Nothing is simulated and no robot is needed: what the machine did follows from these. The
-/// trace is that of the run, line by line.
+/// A recording has what entered the robot's interpreter: changes of flags, times, missions. Nothing
+/// is simulated and no robot is needed: what the machine did follows from these. The trace is that
+/// of the run, line by line.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -53,8 +54,10 @@ pub struct ReplayArgs {
     #[arg(long)]
     pub over_gaps: bool,
 
-    /// Walks through the run, on the screen of a terminal: `n` next micro step with a transition, `b` back, `/` to a macro step, a time, a state or a flag,
-    /// `q` ends. Otherwise by commands on standard input: `n`, `b`, `s STEP` to a macro step, `t TIME` to a robot time, such as `t 2 s`, `q`
+    /// Walks through the run, on the screen of a terminal: `n` next micro step with a transition,
+    /// `b` back, `/` to a macro step, a time, a state or a flag, `q` ends. Otherwise by commands on
+    /// standard input: `n`, `b`, `s STEP` to a macro step, `t TIME` to a robot time, such as
+    /// `t 2 s`, `q`
     #[arg(long, conflicts_with_all = ["trace", "expect", "json"])]
     pub step: bool,
 
@@ -115,7 +118,8 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
     }
     let expected = args.expect.as_deref().map(Expected::open).transpose()?;
     let to_standard_output = args.trace.as_deref() == Some(Path::new("-"));
-    // Only a file takes its name at the end. What goes to a device or a pipe may wait for it, and leaves nothing behind.
+    // Only a file takes its name at the end. What goes to a device or a pipe may wait for it, and
+    // leaves nothing behind.
     let is_file = |path: &Path| fs::metadata(path).map_or(true, |found| found.is_file());
     let interrupt = match &args.trace {
         Some(path) if !to_standard_output && is_file(path) => Some(Interrupt::take_over()?),

@@ -30,7 +30,8 @@ pub struct RobotArgs {
     #[arg(long, value_name = "PORT")]
     pub port: Port,
 
-    /// The key that the robot has, if it has one [default: esm/key in the folder for configuration, ~/.config]
+    /// The key that the robot has, if it has one [default: esm/key in the folder for configuration,
+    /// ~/.config]
     #[arg(long, value_name = "FILE", env = KEY_VARIABLE)]
     pub key: Option<PathBuf>,
 
@@ -42,7 +43,8 @@ pub struct RobotArgs {
 /// Names the key of those who name none on the command line.
 pub(super) const KEY_VARIABLE: &str = "ESM_KEY";
 
-/// Whether a key was named on the command line. What the environment names is for all robots, those without a key among them.
+/// Whether a key was named on the command line. What the environment names is for all robots, those
+/// without a key among them.
 pub(super) fn is_named(key: Option<&Path>) -> bool {
     let of_environment = std::env::var_os(KEY_VARIABLE);
     key.is_some_and(|key| of_environment.is_none_or(|of_all| key.as_os_str() != of_all))
@@ -55,8 +57,8 @@ pub struct LineArgs {
     #[arg(long, value_name = "RATE", default_value_t = serial::DEFAULT_BAUD, value_parser = clap::value_parser!(u32).range(300..))]
     pub baud: u32,
 
-    /// Spoils so much of all bytes on the line, 0 to 1, in both directions: corrupts, drops and doubles some, the same ones each time. To see
-    /// what becomes of it
+    /// Spoils so much of all bytes on the line, 0 to 1, in both directions: corrupts, drops and
+    /// doubles some, the same ones each time. To see what becomes of it
     #[arg(long, value_name = "PART", hide_short_help = true, value_parser = noise)]
     pub line_noise: Option<Noise>,
 }
@@ -109,7 +111,8 @@ impl RobotArgs {
         Ok((robot, info))
     }
 
-    /// Opens the line, which is taken over from whoever has it, and lets a stop be the first that the robot hears, whatever else is the matter with it.
+    /// Opens the line, which is taken over from whoever has it, and lets a stop be the first that
+    /// the robot hears, whatever else is the matter with it.
     ///
     /// # Errors
     /// What is wrong with the port, or with the robot behind it.
@@ -160,7 +163,8 @@ impl RobotArgs {
     }
 }
 
-/// Reads the key in that file, or in the one of those who name none, as soon as a robot asks for it.
+/// Reads the key in that file, or in the one of those who name none, as soon as a robot asks for
+/// it.
 pub fn key_at(named: Option<&Path>) -> KeyLoader {
     let named = named.map(Path::to_owned);
     Box::new(move || SigningKey::read(&keys::path(named.as_deref())?))
@@ -185,7 +189,8 @@ fn open(
     port: &Port,
     line: LineArgs,
 ) -> Result<(Robot, RobotInfo, Option<NotServed>), CommandError> {
-    // From here on, so that Ctrl-C ends each wait, also where whoever started this program has it ignored.
+    // From here on, so that Ctrl-C ends each wait, also where whoever started this program has it
+    // ignored.
     Interrupt::take_over()?;
     let (line, not_served) = line_of(serial::open_served(port, line.baud), line)?;
     let limit = Some(LONGEST_WAITS);
@@ -221,10 +226,12 @@ fn until_interrupt() -> Option<Box<dyn Fn() -> bool + Send>> {
     Some(Box::new(interrupt::is_requested))
 }
 
-/// How long all requests of a command together may wait for a robot, where it does not do more than ask: beyond that the robot does not mean to answer.
+/// How long all requests of a command together may wait for a robot, where it does not do more than
+/// ask: beyond that the robot does not mean to answer.
 pub const LONGEST_WAITS: Duration = NOISY_DEADLINE;
 
-/// How long a robot may take to hear that a command ends, when the person wants that at once: with [`LONGEST_HOLD`] before it, less than a second.
+/// How long a robot may take to hear that a command ends, when the person wants that at once: with
+/// [`LONGEST_HOLD`] before it, less than a second.
 const LONGEST_FAREWELL: Duration = Duration::from_millis(500);
 
 /// How long a command goes on behind Ctrl-C with something that should not be left in doubt.
@@ -238,7 +245,8 @@ pub fn end_soon(robot: &mut Robot) {
     }
 }
 
-/// Lets a robot have its time for something of which nobody should be in doubt whether it was done: also after Ctrl-C, but then not for long.
+/// Lets a robot have its time for something of which nobody should be in doubt whether it was done:
+/// also after Ctrl-C, but then not for long.
 pub fn hold_out(robot: &mut Robot) {
     let clock = robot.clock().clone();
     let seen = OnceLock::new();
@@ -282,7 +290,8 @@ fn warning(access: Access) -> Option<&'static str> {
     }
 }
 
-/// What went wrong on the line to a robot, in the words of a command that knows what that means for the robot.
+/// What went wrong on the line to a robot, in the words of a command that knows what that means for
+/// the robot.
 #[derive(Debug, Error)]
 #[error("{said}")]
 pub struct OnTheLine {
@@ -350,7 +359,8 @@ pub fn is_back(status: &Status) -> String {
     }
 }
 
-/// A robot that refuses has been given something that it cannot take; all else is the outside world.
+/// A robot that refuses has been given something that it cannot take; all else is the outside
+/// world.
 impl From<ClientError> for CommandError {
     fn from(error: ClientError) -> Self {
         match error {

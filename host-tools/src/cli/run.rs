@@ -31,9 +31,10 @@ use crate::serial::noise::Noise;
 
 /// Drives a mission: compiles it, starts a board, uploads, and shows what the robot does
 ///
-/// The firmware, its task code and its timers are real; the robot's body (motors, encoders, sonars, battery) and the world around
-/// it are simulated. The default board runs in an emulator, the board `host` runs the same code as a part of this process and is
-/// much faster. Ctrl-C ends the run and leaves nothing behind.
+/// The firmware, its task code and its timers are real; the robot's body (motors, encoders, sonars,
+/// battery) and the world around it are simulated. The default board runs in an emulator, the board
+/// `host` runs the same code as a part of this process and is much faster. Ctrl-C ends the run and
+/// leaves nothing behind.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -55,7 +56,8 @@ pub struct RunArgs {
     #[arg(long, value_name = "BOARD", default_value = crate::boards::DEFAULT)]
     pub board: String,
 
-    /// The world to drive in: a file, or the name of one that ships, `office`, `corridor`, `track` or `empty` [default: office]
+    /// The world to drive in: a file, or the name of one that ships, `office`, `corridor`, `track`
+    /// or `empty` [default: office]
     #[arg(long, value_name = "WORLD")]
     pub world: Option<PathBuf>,
 
@@ -67,7 +69,8 @@ pub struct RunArgs {
     #[arg(long, value_name = "OUT")]
     pub trace: Option<PathBuf>,
 
-    /// Keeps what enters the interpreter as it comes, to be run again with `esm replay`, or with --replay
+    /// Keeps what enters the interpreter as it comes, to be run again with `esm replay`, or
+    /// with --replay
     #[arg(long, value_name = "REC")]
     pub record: Option<PathBuf>,
 
@@ -75,7 +78,8 @@ pub struct RunArgs {
     #[arg(long, value_name = "REC", conflicts_with = "record")]
     pub replay: Option<PathBuf>,
 
-    /// Uploads another mission at that robot time, while the robot moves; may be given several times
+    /// Uploads another mission at that robot time, while the robot moves; may be given several
+    /// times
     #[arg(long, value_name = "'TIME FILE'")]
     pub then: Vec<Then>,
 
@@ -103,12 +107,14 @@ pub struct RunArgs {
     #[arg(long, value_name = "TIME")]
     pub cut_link: Option<Time>,
 
-    /// Presses the button of the robot's emergency stop at that robot time. It locks: it stays pressed to the end of the run
+    /// Presses the button of the robot's emergency stop at that robot time. It locks: it stays
+    /// pressed to the end of the run
     #[arg(long, value_name = "TIME", conflicts_with = "freeze_plant_at")]
     pub estop: Option<Time>,
 
-    /// Breaks a sonar at that robot time: `dead` (it does not answer), `deaf` (it hears nothing) or `blind` (it sees something at its nose, always).
-    /// Sonar 0 looks ahead, the others follow to the left, 45° each. May be given several times
+    /// Breaks a sonar at that robot time: `dead` (it does not answer), `deaf` (it hears nothing) or
+    /// `blind` (it sees something at its nose, always). Sonar 0 looks ahead, the others follow to
+    /// the left, 45° each. May be given several times
     #[arg(long = "break", value_name = "'sonar N FAULT at TIME'")]
     pub breaks: Vec<Break>,
 
@@ -116,19 +122,23 @@ pub struct RunArgs {
     #[arg(long)]
     pub realtime: bool,
 
-    /// How the bytes of the link come to the board [default: exchange; with --realtime and --replay, uart]
+    /// How the bytes of the link come to the board [default: exchange; with --realtime
+    /// and --replay, uart]
     #[arg(long, value_name = "WAY")]
     pub link: Option<LinkChoice>,
 
-    /// Spoils so much of all bytes on their way to the robot, 0 to 1: corrupts, drops and doubles some, the same ones with the same --seed
+    /// Spoils so much of all bytes on their way to the robot, 0 to 1: corrupts, drops and doubles
+    /// some, the same ones with the same --seed
     #[arg(long, value_name = "PART", value_parser = robot::noise)]
     pub line_noise: Option<Noise>,
 
-    /// Keeps the robot's flash, with the missions in it, in this file from run to run; without it, the flash is blank at first and gone at the end
+    /// Keeps the robot's flash, with the missions in it, in this file from run to run; without it,
+    /// the flash is blank at first and gone at the end
     #[arg(long, value_name = "FILE")]
     pub flash: Option<PathBuf>,
 
-    /// The key that the robot has, if its flash holds one [default: esm/key in the folder for configuration, ~/.config]
+    /// The key that the robot has, if its flash holds one [default: esm/key in the folder for
+    /// configuration, ~/.config]
     #[arg(long, value_name = "FILE", env = "ESM_KEY")]
     pub key: Option<PathBuf>,
 
@@ -140,7 +150,8 @@ pub struct RunArgs {
 /// How the bytes of the link come to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum LinkChoice {
-    /// Inside the plant exchange, at 115,200 baud of robot time: the run repeats to the byte, uploads included
+    /// Inside the plant exchange, at 115,200 baud of robot time: the run repeats to the byte,
+    /// uploads included
     Exchange,
     /// Over the board's emulated UART (the board `host`: a pipe), by the clock on the wall
     Uart,
@@ -334,7 +345,8 @@ const IN_FOLDER: [&str; 6] = [
 const TRACE: &str = "trace.jsonl";
 const SUMMARY: &str = "summary.json";
 
-/// Everything that the run is made of, read and compiled; its files are still to be [made](make_files).
+/// Everything that the run is made of, read and compiled; its files are still to be
+/// [made](make_files).
 fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan, CommandError> {
     let mut thens: Vec<&Then> = args.then.iter().collect();
     thens.sort_by_key(|then| then.at);
@@ -392,7 +404,8 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
     })
 }
 
-/// How the link goes: so that the run repeats, unless the wall clock or a recording says when things happen.
+/// How the link goes: so that the run repeats, unless the wall clock or a recording says when
+/// things happen.
 fn link_way(args: &RunArgs) -> LinkWay {
     match args.link {
         Some(choice) => choice.into(),
@@ -427,7 +440,8 @@ pub fn read_recording(path: &Path) -> Result<Recording, CommandError> {
         .map_err(CommandError::Input)
 }
 
-/// Opens and makes the files of a run. None is made, and none emptied, where it can be seen before that not all can be had.
+/// Opens and makes the files of a run. None is made, and none emptied, where it can be seen before
+/// that not all can be had.
 fn make_files(args: &RunArgs, plan: &mut Plan) -> Result<Tee, CommandError> {
     let flash = args.flash.as_deref();
     let outputs = [
@@ -580,7 +594,8 @@ impl Teller<'_> {
     fn hear(&mut self, heard: &Heard<'_>) {
         match heard {
             Heard::Happened(line) => self.line(line),
-            // Without the board's own time, which begins when the board is switched on and is not the robot time of the lines around it.
+            // Without the board's own time, which begins when the board is switched on and is not
+            // the robot time of the lines around it.
             Heard::Log(line) => self.line(&format!("       log | {}", line.words())),
             Heard::UploadBegins(mission) => {
                 let (name, bytes) = (&mission.name, mission.blob.len());

@@ -27,9 +27,10 @@ use crate::trace_events;
 
 /// Lays out the time slots: when each one starts, or why there is no way
 ///
-/// FILE needs no machine: slots alone are enough. The answer is a schedule, a proof that there is none, or, where the time given
-/// ran out, that it is undecided; only a schedule makes the exit status 0. Below the table come a chart of a hyperperiod, or of its
-/// busiest window, and what tasks that can be active together take of each slot.
+/// FILE needs no machine: slots alone are enough. The answer is a schedule, a proof that there is
+/// none, or, where the time given ran out, that it is undecided; only a schedule makes the exit
+/// status 0. Below the table come a chart of a hyperperiod, or of its busiest window, and what
+/// tasks that can be active together take of each slot.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -53,7 +54,8 @@ pub struct ScheduleArgs {
     #[arg(long)]
     pub json: bool,
 
-    /// Draws the schedule: a row for each slot, what is free, and how the slots are packed; a PNG if the name ends in .png, else an SVG
+    /// Draws the schedule: a row for each slot, what is free, and how the slots are packed; a PNG
+    /// if the name ends in .png, else an SVG
     #[arg(long, value_name = "OUT")]
     pub svg: Option<PathBuf>,
 
@@ -61,7 +63,8 @@ pub struct ScheduleArgs {
     #[arg(long, value_name = "OUT")]
     pub perfetto: Option<PathBuf>,
 
-    /// Proposes changes of rates that make the slots easy to lay out; no period changes by more than so many percent
+    /// Proposes changes of rates that make the slots easy to lay out; no period changes by more
+    /// than so many percent
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, default_missing_value = "10", value_parser = percent)]
     pub snap: Option<u32>,
 
@@ -101,7 +104,8 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
         .limit
         .map_or_else(|| work_limit(mission::LAY_OUT_LIMIT), wall_limit);
     let outcome = match checked.solve_slots(limit) {
-        // Some slots are wrong. What the others prove impossible stays so with them; anything else means nothing.
+        // Some slots are wrong. What the others prove impossible stays so with them; anything else
+        // means nothing.
         None => Some(schedule::solve(checked.slots(), limit)).filter(is_infeasible),
         answer => answer,
     };
@@ -178,7 +182,8 @@ struct Answer<'a> {
     tasks: &'a [SlotTasks],
 }
 
-/// Names of the tasks that states put into each slot, by its number, each once and in the order of their declarations.
+/// Names of the tasks that states put into each slot, by its number, each once and in the order of
+/// their declarations.
 fn task_names(model: Option<&Model>) -> BTreeMap<u32, Vec<String>> {
     let mut names = BTreeMap::new();
     let Some(model) = model else { return names };

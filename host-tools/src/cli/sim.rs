@@ -18,8 +18,9 @@ use crate::sim::{self, Outcome, SimError, milliseconds};
 
 /// Runs the machine alone, in virtual time, against a scenario
 ///
-/// The machine runs on the interpreter that the firmware has. The tasks do not: the scenario says what they would report, and
-/// what must hold. The exit status is 1 if an expectation fails or the machine ends in a fault.
+/// The machine runs on the interpreter that the firmware has. The tasks do not: the scenario says
+/// what they would report, and what must hold. The exit status is 1 if an expectation fails or the
+/// machine ends in a fault.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -51,7 +52,8 @@ pub struct SimArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// If the mission or the scenario has errors, an expectation fails, the machine faults, or the trace cannot be written.
+/// If the mission or the scenario has errors, an expectation fails, the machine faults, or the
+/// trace cannot be written.
 pub fn execute(args: &SimArgs, console: &mut Console) -> Result<(), CommandError> {
     if let Some(path) = &args.trace {
         file::keep_sources(path, [args.file.as_path(), &args.scenario])?;
@@ -151,7 +153,8 @@ fn remedy(fault: Fault) -> &'static str {
 impl From<SimError> for CommandError {
     fn from(error: SimError) -> Self {
         match error {
-            // Standard output may be where the trace goes: then a reader that has gone is no failure.
+            // Standard output may be where the trace goes: then a reader that has gone is no
+            // failure.
             SimError::Trace(error) => error.into(),
             memory @ SimError::Memory { .. } => CommandError::Input(memory.into()),
         }

@@ -1,4 +1,5 @@
-//! What `run`, `board` and `tasks` set a robot up with: the board by its name, the world, the mission.
+//! What `run`, `board` and `tasks` set a robot up with: the board by its name, the world, the
+//! mission.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -24,7 +25,8 @@ use crate::schedule::handover::{self, Handover, SlotTable};
 use crate::time::work_limit;
 use crate::world::{World, WorldError};
 
-/// The worlds that ship, by the names under which they are asked for. The first is driven in where none is named.
+/// The worlds that ship, by the names under which they are asked for. The first is driven in where
+/// none is named.
 const SHIPPED_WORLDS: [(&str, &str); 4] = [
     (
         "office",
@@ -84,7 +86,8 @@ pub fn flash(path: Option<&Path>, board: &Board) -> Result<Option<Flash>, Comman
     })
 }
 
-/// The emulated board's firmware: the named one, or that of the checkout, which is built if need be.
+/// The emulated board's firmware: the named one, or that of the checkout, which is built if need
+/// be.
 ///
 /// # Errors
 /// If there is none.
@@ -109,8 +112,8 @@ impl From<FirmwareError> for CommandError {
     }
 }
 
-/// The world that was asked for, or the office: a file; the name of a file in the folder `worlds` beside the mission; the name of a
-/// world that ships.
+/// The world that was asked for, or the office: a file; the name of a file in the folder `worlds`
+/// beside the mission; the name of a world that ships.
 ///
 /// # Errors
 /// If there is none, or the file cannot be read or has errors.
@@ -216,8 +219,9 @@ impl Staged {
         &self.slots
     }
 
-    /// Lets the mission follow the one that runs with these slots: what both have goes on as it runs, as far as that is possible. Tells the
-    /// person which slots do not, and answers what becomes of each.
+    /// Lets the mission follow the one that runs with these slots: what both have goes on as it
+    /// runs, as far as that is possible. Tells the person which slots do not, and answers what
+    /// becomes of each.
     ///
     /// # Errors
     /// Slots move, and `seamless` says that none may.

@@ -242,7 +242,8 @@ impl From<Kept> for KeptReport {
 pub struct FlashReport {
     /// How its records are: `new`, `whole`, `once`, `unreadable` or `older`.
     pub records: &'static str,
-    /// Who gets into a robot whose records are damaged: `key`, `anybody` or `nobody`; none where they are not.
+    /// Who gets into a robot whose records are damaged: `key`, `anybody` or `nobody`; none where
+    /// they are not.
     pub way_in: Option<&'static str>,
     /// Places of its records that were neither blank nor whole at the start.
     pub flaws: u16,
@@ -384,7 +385,8 @@ pub(super) const FINISHED: &str = "finished, all final states are reached";
 pub(super) const RUN_ANEW: &str = "`esm stop`, then `esm start` runs it from its beginning";
 
 impl StatusReport {
-    /// What a robot that says this of itself has told; nothing of how its last run ended, and of what its firmware lacks.
+    /// What a robot that says this of itself has told; nothing of how its last run ended, and of
+    /// what its firmware lacks.
     pub fn new(info: RobotInfo, reading: Reading) -> Self {
         let status = reading.status;
         let (mode, safe_reason) = mode_words(status.mode);

@@ -13,8 +13,9 @@ use crate::link_client::ClientError;
 
 /// Stops a robot: motors off, and off they stay until `esm start`
 ///
-/// Takes the port over from any other command of the same user that has it, such as `esm log`, `top` or `upload`; beside one that is suspended, or another
-/// user's, it uses a serial line all the same. `esm top` and `esm log` go on behind it, others end and say why.
+/// Takes the port over from any other command of the same user that has it, such as `esm log`,
+/// `top` or `upload`; beside one that is suspended, or another user's, it uses a serial line all
+/// the same. `esm top` and `esm log` go on behind it, others end and say why.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -25,8 +25,9 @@ use crate::task_page;
 
 /// Prints a firmware's task declarations as `.esm`, so that nobody copies signatures by hand
 ///
-/// Asks the robot at PORT, or else a board that is started for the question. With --page it writes a page for people
-/// instead, with a picture of each task; it can make that from a FILE of declarations, too.
+/// Asks the robot at PORT, or else a board that is started for the question. With --page it writes
+/// a page for people instead, with a picture of each task; it can make that from a FILE of
+/// declarations, too.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -38,7 +39,8 @@ pub struct TasksArgs {
     #[arg(value_name = "FILE", requires = "page", conflicts_with_all = ["port", "board"])]
     pub file: Option<PathBuf>,
 
-    /// Writes a page for people into this folder, `tasks.md`, and a picture of each task into `img/tasks` in it
+    /// Writes a page for people into this folder, `tasks.md`, and a picture of each task into
+    /// `img/tasks` in it
     #[arg(long, value_name = "FOLDER")]
     pub page: Option<PathBuf>,
 

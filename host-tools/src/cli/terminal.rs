@@ -1,4 +1,5 @@
-//! The screen of a terminal, while a command has it: taken, drawn on, and given back as it was, whatever ends the command.
+//! The screen of a terminal, while a command has it: taken, drawn on, and given back as it was,
+//! whatever ends the command.
 
 use std::ops::ControlFlow;
 use std::sync::Once;
@@ -22,7 +23,8 @@ use super::exit::CommandError;
 use crate::clean::is_harmful;
 use crate::run::interrupt::Interrupt;
 
-/// How long a wait for a key may last before the screen is drawn anew and Ctrl-C from elsewhere is looked for.
+/// How long a wait for a key may last before the screen is drawn anew and Ctrl-C from elsewhere is
+/// looked for.
 pub const KEY_WAIT: Duration = Duration::from_millis(100);
 
 /// Whether standard output is a terminal on which a cursor can be moved.
@@ -71,7 +73,8 @@ impl Palette {
 /// Lines of what is [`broken`] at most, on a narrow screen.
 const MOST_BROKEN_LINES: usize = 8;
 
-/// Lines broken between words, so that all of them can be read on a screen of so many columns; eight at most.
+/// Lines broken between words, so that all of them can be read on a screen of so many columns;
+/// eight at most.
 pub fn broken<'v>(lines: &[Line<'v>], width: u16) -> Vec<Line<'v>> {
     let mut all = Vec::new();
     for line in lines {
@@ -96,7 +99,8 @@ pub fn broken<'v>(lines: &[Line<'v>], width: u16) -> Vec<Line<'v>> {
 
 /// What a command shows on the screen.
 pub trait Shown {
-    /// Takes what came since the last call; answers how long a wait for a key may last, [`KEY_WAIT`] at most.
+    /// Takes what came since the last call; answers how long a wait for a key may last,
+    /// [`KEY_WAIT`] at most.
     ///
     /// # Errors
     /// What ends the command.
@@ -109,10 +113,12 @@ pub trait Shown {
     fn press(&mut self, key: KeyEvent) -> ControlFlow<()>;
 }
 
-/// Whether this process has the screen. Of those who end it (the command, a panic in any thread) the first gives it back, and what the others say stays readable behind that.
+/// Whether this process has the screen. Of those who end it (the command, a panic in any thread)
+/// the first gives it back, and what the others say stays readable behind that.
 static IS_TAKEN: AtomicBool = AtomicBool::new(false);
 
-/// The screen while this command has it. Dropping it gives the terminal back as it was; a panic does so before it says what it is.
+/// The screen while this command has it. Dropping it gives the terminal back as it was; a panic
+/// does so before it says what it is.
 struct Screen(ratatui::DefaultTerminal);
 
 impl Screen {
@@ -189,7 +195,8 @@ pub fn show(shown: &mut impl Shown, interrupt: Interrupt) -> Result<(), CommandE
     Ok(())
 }
 
-/// Draws, and sees to it that no cell does anything to the terminal: `ratatui` keeps control characters out, and lets others that nobody sees hang on to those before them.
+/// Draws, and sees to it that no cell does anything to the terminal: `ratatui` keeps control
+/// characters out, and lets others that nobody sees hang on to those before them.
 fn draw_clean(shown: &mut impl Shown, frame: &mut Frame<'_>) {
     shown.draw(frame);
     for cell in &mut frame.buffer_mut().content {
@@ -241,7 +248,8 @@ pub(super) mod tests {
         buffer.content.iter().filter(has_colour).count()
     }
 
-    /// Compares with a screen that was looked at once. `ESM_BLESS=1` writes it anew, to be looked at again.
+    /// Compares with a screen that was looked at once. `ESM_BLESS=1` writes it anew, to be looked
+    /// at again.
     #[track_caller]
     pub fn assert_golden(command: &str, name: &str, screen: &str) {
         let path = Path::new("src/cli")

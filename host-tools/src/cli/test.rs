@@ -25,9 +25,11 @@ use crate::trace::directory::Directory;
 
 /// Runs every scenario in a folder against its mission
 ///
-/// A scenario belongs to the mission that its name begins with: patrol.scenario and patrol.halt.scenario to patrol.esm beside them. One without such a mission
-/// belongs to the mission that its folder is named after: patrol/halt.scenario to patrol.esm beside the folder. Folders inside are looked through too.
-/// The exit status is 1 if a scenario fails, has mistakes or has no mission, or if a mission does not compile.
+/// A scenario belongs to the mission that its name begins with: patrol.scenario and
+/// patrol.halt.scenario to patrol.esm beside them. One without such a mission belongs to the
+/// mission that its folder is named after: patrol/halt.scenario to patrol.esm beside the folder.
+/// Folders inside are looked through too. The exit status is 1 if a scenario fails, has mistakes or
+/// has no mission, or if a mission does not compile.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -35,23 +35,31 @@ use crate::trial::{self, End, LONGEST_TRIAL, Outcome, Tried};
 
 /// Gives a robot that is on a new mission
 ///
-/// Compiles FILE if it is a source, checks it against what the robot says of itself, uploads it while the old mission runs, and
-/// lets the robot switch between two macro steps. A robot that refuses the blob says why and drives on with what it has.
+/// Compiles FILE if it is a source, checks it against what the robot says of itself, uploads it
+/// while the old mission runs, and lets the robot switch between two macro steps. A robot that
+/// refuses the blob says why and drives on with what it has.
 ///
-/// The new mission runs on trial first. If it faults, or takes longer than its slots too often, the robot goes back to the mission before by itself, and so it
-/// does if nothing is heard from here. When it has run well for a second, it is confirmed. With `--trial` that is left to you: `esm confirm`, `esm fallback`.
+/// The new mission runs on trial first. If it faults, or takes longer than its slots too often, the
+/// robot goes back to the mission before by itself, and so it does if nothing is heard from here.
+/// When it has run well for a second, it is confirmed. With `--trial` that is left to you:
+/// `esm confirm`, `esm fallback`.
 ///
-/// An upload that was broken off (a lost line, a host that was switched off) goes on where it was when the same is uploaded again. Ctrl-C ends it in order: the robot
-/// forgets what it has of the new mission, or goes back to the one before where the new one runs on trial already.
+/// An upload that was broken off (a lost line, a host that was switched off) goes on where it was
+/// when the same is uploaded again. Ctrl-C ends it in order: the robot forgets what it has of the
+/// new mission, or goes back to the one before where the new one runs on trial already.
 ///
-/// With `--record`, what enters the robot's interpreter is kept for `esm replay`, from before the upload to the confirmation.
+/// With `--record`, what enters the robot's interpreter is kept for `esm replay`, from before the
+/// upload to the confirmation.
 ///
-/// As long as another mission is on trial the robot has no room for this one: the end of that trial is waited for, or `--on-trial` says what becomes of it at once.
+/// As long as another mission is on trial the robot has no room for this one: the end of that trial
+/// is waited for, or `--on-trial` says what becomes of it at once.
 ///
-/// What changes against the mission that runs is shown before it is sent: states, transitions, parameters, slots, by name. With `--warm` also what goes on.
+/// What changes against the mission that runs is shown before it is sent: states, transitions,
+/// parameters, slots, by name. With `--warm` also what goes on.
 ///
-/// Slots that the running mission has, too, keep their start, so that they go on without a gap. Where that is impossible, as few move as need
-/// to; which, and the one longer gap of each, is said before anything is sent. The starts in a blob are what they are.
+/// Slots that the running mission has, too, keep their start, so that they go on without a gap.
+/// Where that is impossible, as few move as need to; which, and the one longer gap of each, is said
+/// before anything is sent. The starts in a blob are what they are.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -72,7 +80,8 @@ pub struct UploadArgs {
     #[arg(long)]
     pub no_gap: bool,
 
-    /// What both missions have goes on as it is: states, timers, flags, nets, what tasks know. All else starts anew
+    /// What both missions have goes on as it is: states, timers, flags, nets, what tasks know. All
+    /// else starts anew
     #[arg(long)]
     pub warm: bool,
 
@@ -80,7 +89,8 @@ pub struct UploadArgs {
     #[arg(long)]
     pub diff: bool,
 
-    /// Leaves it to you to confirm the mission within this time: otherwise the robot goes back to the one before. 1 s to 3600 s
+    /// Leaves it to you to confirm the mission within this time: otherwise the robot goes back to
+    /// the one before. 1 s to 3600 s
     #[arg(long, value_name = "TIME", value_parser = trial_time)]
     pub trial: Option<Time>,
 
@@ -88,11 +98,13 @@ pub struct UploadArgs {
     #[arg(long, value_name = "REC", conflicts_with = "diff")]
     pub record: Option<PathBuf>,
 
-    /// What becomes of another mission that is on trial there still, so that the robot has no room for this one
+    /// What becomes of another mission that is on trial there still, so that the robot has no room
+    /// for this one
     #[arg(long, value_name = "WHAT", value_enum, default_value_t)]
     pub on_trial: OnTrial,
 
-    /// One JSON object, for programs: what was sent, and what becomes of the slots that both missions have
+    /// One JSON object, for programs: what was sent, and what becomes of the slots that both
+    /// missions have
     #[arg(long)]
     pub json: bool,
 
@@ -174,17 +186,19 @@ struct Compared<'p> {
     carry_over: Option<&'p CarryOver>,
 }
 
-/// How many bytes a line of so many bits a second carries for each byte of a mission at most: where it spoils one byte
-/// in ten.
+/// How many bytes a line of so many bits a second carries for each byte of a mission at most: where
+/// it spoils one byte in ten.
 const LINE_BYTES_A_BYTE: u32 = 100;
 
 /// Bits that a byte takes on a serial line.
 const BITS_A_BYTE: u32 = 10;
 
-/// On a slower line than this, in bits a second, everything may take as much longer as it is slower.
+/// On a slower line than this, in bits a second, everything may take as much longer as it is
+/// slower.
 const SLOW_LINE: u32 = 9_600;
 
-/// Lets the robot take longer than other commands do, as long as it takes bytes of the mission; and on a slow line.
+/// Lets the robot take longer than other commands do, as long as it takes bytes of the mission; and
+/// on a slow line.
 fn limit_waits(robot: &mut Robot, baud: u32) {
     let line_byte = Duration::from_secs(1) * BITS_A_BYTE / baud;
     robot.allow_for_each_byte(line_byte * LINE_BYTES_A_BYTE);
@@ -341,7 +355,8 @@ struct Found {
     preview: Option<Preview>,
 }
 
-/// Sends the mission, lets it take over, and waits for what becomes of its trial, if that is not somebody else's.
+/// Sends the mission, lets it take over, and waits for what becomes of its trial, if that is not
+/// somebody else's.
 fn install(
     args: &UploadArgs,
     mission: &Mission,
@@ -546,7 +561,9 @@ fn stays_for_now(outcome: Option<Outcome>) -> bool {
     )
 }
 
-/// What an error is as the end of the command. `robot_does` says what the robot does meanwhile, where that is known of it neither by its refusal nor by a key that was missing before anything was asked of it.
+/// What an error is as the end of the command. `robot_does` says what the robot does meanwhile,
+/// where that is known of it neither by its refusal nor by a key that was missing before anything
+/// was asked of it.
 fn ended_by(error: ClientError, mission: &Mission, robot_does: &str) -> CommandError {
     match error.refusal() {
         Some(refusal) => CommandError::Input(anyhow!(
@@ -602,7 +619,8 @@ fn seconds(swap: Swap) -> f64 {
     f64::from(swap.trial_ms) / 1e3
 }
 
-/// Sees to it that no other mission is on trial, which the robot would have no room beside for. Answers what became of the one that was.
+/// Sees to it that no other mission is on trial, which the robot would have no room beside for.
+/// Answers what became of the one that was.
 fn end_earlier_trial(
     wanted: OnTrial,
     robot: &mut Robot,
@@ -793,7 +811,8 @@ fn failure(
     }
 }
 
-/// The mission that runs on the robot, if one does. Over a line that lets its long answers not pass, a mission can still be sent, where nothing of the old one is needed for that.
+/// The mission that runs on the robot, if one does. Over a line that lets its long answers not
+/// pass, a mission can still be sent, where nothing of the old one is needed for that.
 fn running_mission(
     robot: &mut Robot,
     is_needed: bool,

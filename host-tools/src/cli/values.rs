@@ -29,8 +29,10 @@ const SAMPLE_WAIT: Duration = Duration::from_secs(10);
 
 /// Shows the values on the nets of the mission that a robot runs, while it drives
 ///
-/// A net goes by the port of a task state that is on it: the path of the state, a dot, the port. All values of a sample were on their nets at the same time, between two macro
-/// steps. Without --every, they are shown once; without names, those of all nets. Samples that the robot has no room for are counted and said; neither its slots nor requests to it wait for them.
+/// A net goes by the port of a task state that is on it: the path of the state, a dot, the port.
+/// All values of a sample were on their nets at the same time, between two macro steps.
+/// Without --every, they are shown once; without names, those of all nets. Samples that the robot
+/// has no room for are counted and said; neither its slots nor requests to it wait for them.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -46,7 +48,8 @@ pub struct ValuesArgs {
     #[allow(missing_docs, reason = "carries the documentation of its arguments")]
     pub robot: RobotArgs,
 
-    /// Goes on until Ctrl-C, with a sample each TIME of the mission's at most; with '0 s' after each macro step
+    /// Goes on until Ctrl-C, with a sample each TIME of the mission's at most; with '0 s' after
+    /// each macro step
     #[arg(long, value_name = "TIME")]
     pub every: Option<Time>,
 

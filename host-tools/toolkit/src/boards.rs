@@ -1,6 +1,7 @@
 //! The boards that there are, and what a mission may use on each.
 //!
-//! The list is made of every `boards/*/board.toml` when the command is built, and so needs no checkout later; the host board joins it.
+//! The list is made of every `boards/*/board.toml` when the command is built, and so needs no
+//! checkout later; the host board joins it.
 
 use esm_link::message::Capacities;
 
@@ -47,7 +48,8 @@ impl Firmware {
 /// How fast the interpreter of a board's firmware is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InterpreterSpeed {
-    /// Instructions of each construct of a macro step, as [`Costs::parse`] reads them: the board's `costs.txt`.
+    /// Instructions of each construct of a macro step, as [`Costs::parse`] reads them: the board's
+    /// `costs.txt`.
     pub costs: &'static str,
     /// Nanoseconds that an instruction takes at most: `instruction_ns` of its `board.toml`.
     pub instruction_ns: u32,

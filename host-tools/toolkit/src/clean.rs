@@ -1,7 +1,10 @@
-//! Text on its way to a terminal. What it says may be anybody's: a robot's, a file's, a stranger's on the line. Nothing in it may do anything there but be read.
+//! Text on its way to a terminal. What it says may be anybody's: a robot's, a file's, a stranger's
+//! on the line. Nothing in it may do anything there but be read.
 //!
-//! Harmful are control characters other than the end of a line (they move cursors, ring, rename windows, answer as if somebody typed), and characters that nobody sees and that
-//! change how others are read: those that turn the direction of writing, end a line, or are tags. Each is written as its number instead.
+//! Harmful are control characters other than the end of a line (they move cursors, ring, rename
+//! windows, answer as if somebody typed), and characters that nobody sees and that change how
+//! others are read: those that turn the direction of writing, end a line, or are tags. Each is
+//! written as its number instead.
 
 use std::io::{self, Write};
 
@@ -10,7 +13,8 @@ use std::io::{self, Write};
 pub enum Form {
     /// For people: `\u{1b}`.
     Text,
-    /// The same, but colours pass as they are (`ESC [ numbers m`): for text that this program coloured, and cleaned before.
+    /// The same, but colours pass as they are (`ESC [ numbers m`): for text that this program
+    /// coloured, and cleaned before.
     Coloured,
     /// Inside of strings of JSON, where it means the same character: `\u001b`.
     Json,

@@ -5,7 +5,8 @@ use std::fmt;
 use esm_link::message::{DELAY_BUCKETS, SlotCounters};
 use serde::Serialize;
 
-/// What was counted of a slot since the mission started. Times in nanoseconds; 0 where nothing was measured yet.
+/// What was counted of a slot since the mission started. Times in nanoseconds; 0 where nothing was
+/// measured yet.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SlotReport {
     /// Its number in the source.
@@ -35,11 +36,13 @@ pub struct SlotReport {
 /// Executions with a start delay in some range.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct DelayBucket {
-    /// Their delays are shorter than this, in nanoseconds, and no shorter than the end of the bucket before; `None` for the last bucket.
+    /// Their delays are shorter than this, in nanoseconds, and no shorter than the end of the
+    /// bucket before; `None` for the last bucket.
     pub below_ns: Option<u64>,
     /// How many.
     pub count: u32,
-    /// Whether there are so many, and not more: of several buckets with 65,535 or more the robot keeps no number.
+    /// Whether there are so many, and not more: of several buckets with 65,535 or more the robot
+    /// keeps no number.
     pub exact: bool,
 }
 
@@ -107,12 +110,14 @@ impl fmt::Display for SlotReport {
 }
 
 impl SlotReport {
-    /// Whether its times say anything: on the board `host` time stands still while an occurrence is executed.
+    /// Whether its times say anything: on the board `host` time stands still while an occurrence is
+    /// executed.
     pub fn is_timed(&self) -> bool {
         self.longest_execution_ns > 0 || self.longest_delay_ns > 0
     }
 
-    /// The buckets that are not empty, in words: `1.28 us: 1200` are those below, `more: 3` those beyond all ends.
+    /// The buckets that are not empty, in words: `1.28 us: 1200` are those below, `more: 3` those
+    /// beyond all ends.
     pub fn delays_in_words(&self) -> String {
         let words = self.delays.iter().filter(|bucket| bucket.count > 0);
         let words = words.map(|bucket| match bucket.below_ns {
@@ -123,7 +128,8 @@ impl SlotReport {
     }
 }
 
-/// A time in nanoseconds, shown in the unit that suits it, with three digits: `320 ns`, `1.28 us`, `20.5 us`, `1.31 ms`, `12.0 s`.
+/// A time in nanoseconds, shown in the unit that suits it, with three digits: `320 ns`, `1.28 us`,
+/// `20.5 us`, `1.31 ms`, `12.0 s`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ns(pub u64);
 

@@ -1,7 +1,10 @@
-//! Whether a mission fits: into a blob, onto a board (E012), and its macro steps into their slot (E010).
+//! Whether a mission fits: into a blob, onto a board (E012), and its macro steps into their slot
+//! (E010).
 //!
-//! What a mission needs of a board is worked out by the firmware's own code, on the blob that the board would be given. So what is said
-//! here before anything is uploaded is what the board says itself. How long macro steps take is a [bound](crate::bound) with what was measured on the board.
+//! What a mission needs of a board is worked out by the firmware's own code, on the blob that the
+//! board would be given. So what is said here before anything is uploaded is what the board says
+//! itself. How long macro steps take is a [bound](crate::bound) with what was measured on the
+//! board.
 
 use esm_core::Verified;
 use esm_core::tables::{Slot, Tables};
@@ -17,11 +20,13 @@ use crate::lang::{Checked, Code, Diagnostic};
 use crate::model::{Model, PathEnd, Span, StateKind};
 use crate::schedule::Schedule;
 
-/// Compiles a checked set of files with a machine. What does not fit into a blob, or onto `board` where one is named, is added as
-/// E012, macro steps that can last longer than their slot on that board as E010, and then there is no blob; nor is there one where the files have errors.
+/// Compiles a checked set of files with a machine. What does not fit into a blob, or onto `board`
+/// where one is named, is added as E012, macro steps that can last longer than their slot on that
+/// board as E010, and then there is no blob; nor is there one where the files have errors.
 ///
 /// # Errors
-/// The machine has nothing to run; or a defect of this program: the files are right, and no blob could be made of them.
+/// The machine has nothing to run; or a defect of this program: the files are right, and no blob
+/// could be made of them.
 pub fn compile_to_fit(
     checked: &mut Checked,
     schedule: &Schedule,
@@ -93,8 +98,9 @@ struct Overlong<'b> {
 }
 
 impl<'b> Overlong<'b> {
-    /// Looks for one, where it is known how fast the board's interpreter is. Where events cause each other in a circle (W104) or are more than a macro step may have, that is what stops the machine,
-    /// and no slot is long enough for it.
+    /// Looks for one, where it is known how fast the board's interpreter is. Where events cause
+    /// each other in a circle (W104) or are more than a macro step may have, that is what stops the
+    /// machine, and no slot is long enough for it.
     fn of(verified: &Verified<Vec<u8>>, board: &'b Board) -> Option<Self> {
         let (speed, costs) = (board.interpreter?, board.costs()?);
         let tables = verified.tables();
@@ -286,8 +292,9 @@ struct Place {
     state: usize,
 }
 
-/// The task states of all instances in the order in which a blob numbers them: depth first, regions and states in source order. The
-/// model is one that was compiled, so the limits of the format bound the walk.
+/// The task states of all instances in the order in which a blob numbers them: depth first, regions
+/// and states in source order. The model is one that was compiled, so the limits of the format
+/// bound the walk.
 fn task_instances(model: &Model) -> impl Iterator<Item = Place> + '_ {
     let start = |container| Place {
         container,

@@ -1,9 +1,11 @@
-//! What can be done with a mission without a robot and without an operating system: read, check, compile and lay it out,
-//! draw it, simulate it and the robot around it, replay recordings of it, and serve an editor that works on it.
+//! What can be done with a mission without a robot and without an operating system: read, check,
+//! compile and lay it out, draw it, simulate it and the robot around it, replay recordings of it,
+//! and serve an editor that works on it.
 //!
-//! Nothing here opens a file, starts a thread, reads a clock or talks to anybody. Files come from a [`lang::Store`], time
-//! from a function that the caller names ([`schedule::Limit`]), and what is written goes to any [`std::io::Write`]. So the same
-//! code serves the `esm` command and a page in a browser.
+//! Nothing here opens a file, starts a thread, reads a clock or talks to anybody. Files come from a
+//! [`lang::Store`], time from a function that the caller names ([`schedule::Limit`]), and what is
+//! written goes to any [`std::io::Write`]. So the same code serves the `esm` command and a page in
+//! a browser.
 //!
 //! ```
 //! let checked = esm_toolkit::lang::load_text("wrong.esm", "task T { out flag near; out flag near; }");

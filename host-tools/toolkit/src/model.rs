@@ -1,7 +1,9 @@
-//! The resolved model of a set of `.esm` files: what the language front end hands to everything behind it.
+//! The resolved model of a set of `.esm` files: what the language front end hands to everything
+//! behind it.
 //!
-//! Names are resolved to indices, attributes to values, `use` is gone. A model is only made of a set of files without errors, so
-//! whoever takes one can rely on every index in it. Every part keeps the [`Span`] that it came from, for messages.
+//! Names are resolved to indices, attributes to values, `use` is gone. A model is only made of a
+//! set of files without errors, so whoever takes one can rely on every index in it. Every part
+//! keeps the [`Span`] that it came from, for messages.
 
 /// Index into [`Model::files`] and a byte range in that file's text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]
@@ -34,7 +36,8 @@ pub struct Model {
     pub interpreter_slot: Option<usize>,
     /// Capacity of the event queue.
     pub queue: u8,
-    /// All event names of the set, each once, in the order of their first declaration. Containers that declare the same name share the entry.
+    /// All event names of the set, each once, in the order of their first declaration. Containers
+    /// that declare the same name share the entry.
     pub events: Vec<String>,
     /// Slots in source order; slot 0 (non-real-time) is never among them.
     pub slots: Vec<Slot>,
@@ -81,7 +84,8 @@ pub struct DataPort {
     pub type_name: String,
     /// An `in` port that may stay open or empty.
     pub optional: bool,
-    /// How old a value may be that an `in` or `inout` port of a task reads, in microseconds; an older one counts as none.
+    /// How old a value may be that an `in` or `inout` port of a task reads, in microseconds; an
+    /// older one counts as none.
     pub within_us: Option<u32>,
     /// What the `///` lines before the declaration say, a line each; empty without any.
     pub docs: String,
@@ -90,7 +94,8 @@ pub struct DataPort {
 }
 
 impl DataPort {
-    /// Whether an input must be on a net: one that is required, and one that wants fresh values, whatever it does without any.
+    /// Whether an input must be on a net: one that is required, and one that wants fresh values,
+    /// whatever it does without any.
     #[must_use]
     pub fn must_be_on_net(&self) -> bool {
         !self.optional || self.within_us.is_some()
@@ -253,7 +258,8 @@ pub struct State {
     pub docs: String,
     /// The name in the declaration.
     pub span: Span,
-    /// The whole declaration, from its word on: where things that concern the whole state are reported.
+    /// The whole declaration, from its word on: where things that concern the whole state are
+    /// reported.
     pub declaration: Span,
 }
 
@@ -301,7 +307,8 @@ pub enum Target {
 pub enum Trigger {
     /// The pulse; a transition without `on` too.
     Pulse,
-    /// `on *`: the pulse, guarded by the exit flag of the source. [`Transition::guard`] is then `None`.
+    /// `on *`: the pulse, guarded by the exit flag of the source. [`Transition::guard`] is then
+    /// `None`.
     Star,
     /// Index into [`Model::events`].
     Event(usize),
@@ -335,7 +342,8 @@ pub enum Action {
     Send(usize),
     /// `set .F` / `clear .F`: index into the flags of the target's task or container.
     Own(usize, bool),
-    /// `set ^F` / `clear ^F`: index into the flags of the container in which the transition is written.
+    /// `set ^F` / `clear ^F`: index into the flags of the container in which the transition is
+    /// written.
     Parent(usize, bool),
 }
 

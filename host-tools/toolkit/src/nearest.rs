@@ -1,15 +1,17 @@
 //! The name that somebody who mistyped may have meant.
 //!
-//! Near is measured by the optimal string alignment distance: how many characters must be put in, left out, replaced, or swapped
-//! with their neighbour. A third of the word may be wrong, so that short names do not attract everything, and no more than a few letters of a long one.
+//! Near is measured by the optimal string alignment distance: how many characters must be put in,
+//! left out, replaced, or swapped with their neighbour. A third of the word may be wrong, so that
+//! short names do not attract everything, and no more than a few letters of a long one.
 
 /// More wrong letters than this are no slip of the fingers, however long the word is.
 const MAX_DISTANCE: usize = 8;
 
-/// The candidate nearest to `word`, if any is near enough to be worth proposing. Of several equally near ones the first.
+/// The candidate nearest to `word`, if any is near enough to be worth proposing. Of several equally
+/// near ones the first.
 ///
-/// Costs at most the characters of `word` times `MAX_DISTANCE` for each candidate of about the same length, and far less where they differ from the
-/// beginning on; next to nothing for the others.
+/// Costs at most the characters of `word` times `MAX_DISTANCE` for each candidate of about the same
+/// length, and far less where they differ from the beginning on; next to nothing for the others.
 pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let text = word;
     let word: Vec<char> = word.chars().collect();
@@ -39,10 +41,12 @@ pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) ->
     best
 }
 
-/// The optimal string alignment distance of two words, if it is at most `limit`, which is at least the difference of their lengths.
+/// The optimal string alignment distance of two words, if it is at most `limit`, which is at least
+/// the difference of their lengths.
 fn distance_within(a: &[char], b: &[char], limit: usize) -> Option<usize> {
-    // Rows of the classical table: distances of the first i letters of `a` to all beginnings of `b`. What lies farther than `limit` from the diagonal
-    // is above the limit, and so is not worked out.
+    // Rows of the classical table: distances of the first i letters of `a` to all beginnings of
+    // `b`. What lies farther than `limit` from the diagonal is above the limit, and so is not
+    // worked out.
     let beyond = limit + 1;
     let mut before_last = vec![beyond; b.len() + 1];
     let mut last: Vec<usize> = (0..=b.len()).map(|length| length.min(beyond)).collect();

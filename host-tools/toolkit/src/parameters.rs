@@ -43,7 +43,8 @@ impl ParameterType {
         }
     }
 
-    /// Bits of the value that a text says; `None` if it is none of the type. What numbers a task takes is the robot's to say.
+    /// Bits of the value that a text says; `None` if it is none of the type. What numbers a task
+    /// takes is the robot's to say.
     pub fn parse(self, text: &str) -> Option<u32> {
         match self {
             Self::Bool => text.parse::<bool>().ok().map(u32::from),
@@ -70,7 +71,8 @@ impl fmt::Display for ParameterType {
     }
 }
 
-/// The value of a parameter: as text, the shortest that reads back as the same value, and in JSON a number or a boolean.
+/// The value of a parameter: as text, the shortest that reads back as the same value, and in JSON a
+/// number or a boolean.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 #[allow(missing_docs, reason = "as in `ParameterType`")]
@@ -95,7 +97,8 @@ impl fmt::Display for Value {
 /// A parameter of a task state. All instances of the task state share it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Parameter {
-    /// Its names: the path of each instance of the task state, a dot, the name that the task gives it. There is one at least.
+    /// Its names: the path of each instance of the task state, a dot, the name that the task gives
+    /// it. There is one at least.
     pub names: Vec<String>,
     /// Its index in the blob.
     pub index: u16,

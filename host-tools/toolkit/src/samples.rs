@@ -11,7 +11,8 @@ use crate::trace::directory::Directory;
 /// Work that start times of these machines' slots are found with, many times over.
 const PIECES: u64 = 1_000_000;
 
-/// A machine with all kinds of states: two regions, a container used twice, flags through `^`, an event, a slot-0 task.
+/// A machine with all kinds of states: two regions, a container used twice, flags through `^`, an
+/// event, a slot-0 task.
 pub const ROVER: &str = "
     interpreter slot 1;
     slot 1 period 10 ms duration 1 ms;

@@ -2,10 +2,12 @@
 
 use esm_core::tables::{StateKind, Tables};
 
-/// The region instance and the state of the superstate around each container instance, by the instance's number; none around the machine.
+/// The region instance and the state of the superstate around each container instance, by the
+/// instance's number; none around the machine.
 ///
-/// [`Tables::superstate_of`] looks for one of them through the states of its region: for all of them that would take time in
-/// proportion to the square of their number. This is one walk over the states of all instances, whose number is limited.
+/// [`Tables::superstate_of`] looks for one of them through the states of its region: for all of
+/// them that would take time in proportion to the square of their number. This is one walk over the
+/// states of all instances, whose number is limited.
 pub(crate) fn superstates(tables: &Tables<'_>) -> Vec<Option<(usize, usize)>> {
     let mut around = vec![None; tables.instance_count()];
     let regions = 0..tables.region_instance_count();

@@ -1,6 +1,8 @@
-//! A page of what a robot can do: for each of its tasks what it is for, a picture of what goes in and out, and tables.
+//! A page of what a robot can do: for each of its tasks what it is for, a picture of what goes in
+//! and out, and tables.
 //!
-//! All of it comes from the declarations alone, as `esm tasks` prints them. Equal declarations give equal pages.
+//! All of it comes from the declarations alone, as `esm tasks` prints them. Equal declarations give
+//! equal pages.
 
 use std::fmt::Write as _;
 
@@ -26,8 +28,8 @@ pub struct TaskPage {
     pub pictures: Vec<(String, Scene)>,
 }
 
-/// The page of all tasks that the first file of a checked set declares; `None` where there is no model. `origin` is
-/// where the declarations are from.
+/// The page of all tasks that the first file of a checked set declares; `None` where there is no
+/// model. `origin` is where the declarations are from.
 #[must_use]
 pub fn of(checked: &Checked, origin: &str) -> Option<TaskPage> {
     let model = checked.model.as_ref()?;
@@ -213,8 +215,8 @@ fn cell(docs: &str) -> String {
     plain(&words.join(" ")).replace('|', "\\|")
 }
 
-/// A text of anybody's: it does nothing to a terminal, and brings no HTML of its own. What stands between backticks
-/// is code anyway.
+/// A text of anybody's: it does nothing to a terminal, and brings no HTML of its own. What stands
+/// between backticks is code anyway.
 fn plain(text: &str) -> String {
     let text = clean(text);
     let mut plain = String::with_capacity(text.len());

@@ -1,7 +1,9 @@
-//! Where the occurrences of a schedule are: which stretch of it is worth looking at, what is in it, and what is free.
+//! Where the occurrences of a schedule are: which stretch of it is worth looking at, what is in it,
+//! and what is free.
 //!
-//! Slots come with their starts. Time is looked at in **frames** as long as the shortest period. A hyperperiod may be too long to be built or even to be
-//! counted, so whatever is asked for names how much of it is looked at, and [`MAX_SEARCHED`] bounds the rest.
+//! Slots come with their starts. Time is looked at in **frames** as long as the shortest period. A
+//! hyperperiod may be too long to be built or even to be counted, so whatever is asked for names
+//! how much of it is looked at, and [`MAX_SEARCHED`] bounds the rest.
 //!
 //! ```
 //! use esm_toolkit::timetable::{TimedSlot, Timetable};
@@ -20,7 +22,8 @@ use std::collections::BTreeMap;
 use crate::pictures::axis;
 use crate::schedule::{Report, gcd};
 
-/// As many occurrences are looked at to find the busiest window, about: the schedule behind them is not searched.
+/// As many occurrences are looked at to find the busiest window, about: the schedule behind them is
+/// not searched.
 pub const MAX_SEARCHED: u64 = 100_000;
 
 /// A slot with its place in time.
@@ -41,7 +44,8 @@ pub struct TimedSlot {
 pub struct Occurrence {
     /// Index of the slot.
     pub slot: usize,
-    /// Which occurrence of its slot it is, from 0. What reaches over the end of a hyperperiod is seen at its beginning too: that one has -1.
+    /// Which occurrence of its slot it is, from 0. What reaches over the end of a hyperperiod is
+    /// seen at its beginning too: that one has -1.
     pub number: i64,
     /// When it starts, in microseconds from the origin.
     pub start_us: i64,
@@ -65,7 +69,8 @@ pub enum Extent {
     Hyperperiod,
     /// The busiest of all that begin with a frame, of a hyperperiod.
     BusiestOfHyperperiod,
-    /// The busiest of all that begin with a frame, of so many microseconds from the origin; the schedule goes on behind them.
+    /// The busiest of all that begin with a frame, of so many microseconds from the origin; the
+    /// schedule goes on behind them.
     BusiestOfFirst(u64),
 }
 
@@ -138,8 +143,8 @@ impl Timetable {
         &self.slots
     }
 
-    /// The slots in rows: each alone where they are at most `most`, else those of one period together, and the longest periods in one where these are still too
-    /// many.
+    /// The slots in rows: each alone where they are at most `most`, else those of one period
+    /// together, and the longest periods in one where these are still too many.
     pub fn rows(&self, most: usize) -> Vec<Row> {
         let alone = |(index, slot): (usize, &TimedSlot)| Row {
             slots: vec![index],
@@ -209,7 +214,8 @@ impl Timetable {
         self.hyperperiod_us
     }
 
-    /// The most frames in which at most `most` occurrences begin, or a hyperperiod if that is shorter; at least one.
+    /// The most frames in which at most `most` occurrences begin, or a hyperperiod if that is
+    /// shorter; at least one.
     pub fn frames_with(&self, most: u64) -> u64 {
         if self.frame_us == 0 {
             return 1;
@@ -231,8 +237,9 @@ impl Timetable {
         })
     }
 
-    /// A hyperperiod, if it has at most so many frames; else the busiest window of so many frames, the first of several: of all that begin with a frame, the one
-    /// of which slots take most. It is looked for in as much of the schedule as [`MAX_SEARCHED`] occurrences are.
+    /// A hyperperiod, if it has at most so many frames; else the busiest window of so many frames,
+    /// the first of several: of all that begin with a frame, the one of which slots take most. It
+    /// is looked for in as much of the schedule as [`MAX_SEARCHED`] occurrences are.
     pub fn window(&self, most_frames: u64) -> Window {
         let most_frames = most_frames.clamp(1, MAX_SEARCHED);
         let whole_frames = self.frames_of_hyperperiod();
@@ -273,8 +280,8 @@ impl Timetable {
         }
     }
 
-    /// How much of each frame slots take, in microseconds, from the origin on: over a hyperperiod, or over the part of it that [`MAX_SEARCHED`] occurrences are;
-    /// at least over so many frames.
+    /// How much of each frame slots take, in microseconds, from the origin on: over a hyperperiod,
+    /// or over the part of it that [`MAX_SEARCHED`] occurrences are; at least over so many frames.
     pub fn loads_us(&self, least_frames: u64) -> Vec<u64> {
         let frames = self.frames_with(MAX_SEARCHED).max(least_frames);
         if self.frame_us == 0 {
@@ -300,7 +307,8 @@ impl Timetable {
         loads
     }
 
-    /// All occurrences of which a part is in a stretch of time, by their starts. Their number is the caller's concern.
+    /// All occurrences of which a part is in a stretch of time, by their starts. Their number is
+    /// the caller's concern.
     pub fn occurrences(&self, from_us: u64, to_us: u64) -> Vec<Occurrence> {
         let mut found: Vec<Occurrence> = (0..self.slots.len())
             .flat_map(|slot| self.of_slot(slot, from_us, to_us))
@@ -451,7 +459,8 @@ mod tests {
         assert_eq!(starts, [(-1, -4, 2), (0, 36, 42), (1, 76, 82)]);
     }
 
-    /// Slots of periods that divide each other or not, laid out one behind the other in a first frame.
+    /// Slots of periods that divide each other or not, laid out one behind the other in a first
+    /// frame.
     fn any_timetable() -> impl Strategy<Value = Timetable> {
         let slot = (1_u32..=6, 1_u32..=4, 0_u32..3);
         prop::collection::vec(slot, 1..6).prop_map(|slots| {

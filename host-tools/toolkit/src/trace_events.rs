@@ -1,7 +1,9 @@
-//! A schedule in Chrome's trace event format, which <https://ui.perfetto.dev> and `chrome://tracing` open.
+//! A schedule in Chrome's trace event format, which <https://ui.perfetto.dev> and
+//! `chrome://tracing` open.
 //!
-//! One track a slot, and one for what is free. What is written is a hyperperiod if it has at most [`MAX_OCCURRENCES`], else the busiest window that has about as
-//! many; `otherData` says which. Times are nominal: the origin is the origin of the slots' starts.
+//! One track a slot, and one for what is free. What is written is a hyperperiod if it has at most
+//! [`MAX_OCCURRENCES`], else the busiest window that has about as many; `otherData` says which.
+//! Times are nominal: the origin is the origin of the slots' starts.
 
 use std::collections::BTreeMap;
 
@@ -34,7 +36,8 @@ struct Complete {
     args: Value,
 }
 
-/// The schedule as a JSON text, one event a line. `tasks`: names of the tasks of each slot, by its number.
+/// The schedule as a JSON text, one event a line. `tasks`: names of the tasks of each slot, by its
+/// number.
 ///
 /// # Errors
 /// Never, for what is written is plain data; the encoder's word is passed on.
@@ -87,7 +90,8 @@ pub fn to_json(
         .iter()
         .map(serde_json::to_string)
         .collect::<Result<Vec<String>, _>>()?;
-    // What began before the window, or would have begun before the origin, leaves no gap and is no event.
+    // What began before the window, or would have begun before the origin, leaves no gap and is no
+    // event.
     let occurrences: Vec<Occurrence> = timetable
         .occurrences(window.start_us, window.end_us())
         .into_iter()
@@ -153,7 +157,8 @@ mod tests {
         numbered_from(5, slots)
     }
 
-    /// The events of a kind with the track that each is on, after a check of what the format asks of all.
+    /// The events of a kind with the track that each is on, after a check of what the format asks
+    /// of all.
     fn events(text: &str, phase: &str) -> Vec<(String, Value)> {
         let parsed: Value = serde_json::from_str(text).unwrap();
         let all = parsed["traceEvents"].as_array().unwrap();

@@ -1,7 +1,8 @@
 //! The messages between a board and the plant, and the board's side of their exchange.
 //!
-//! One exchange opens each slot occurrence. The board sends what its pins drive and the plant answers with what they measure at
-//! the occurrence's nominal start, so the slot's tasks see the plant as it was then, whatever the board's own jitter.
+//! One exchange opens each slot occurrence. The board sends what its pins drive and the plant
+//! answers with what they measure at the occurrence's nominal start, so the slot's tasks see the
+//! plant as it was then, whatever the board's own jitter.
 //!
 //! Both messages have a fixed size; numbers are little endian, in the order of the fields:
 //!
@@ -14,8 +15,9 @@
 //! | sonar trigger bits, auxiliary output bits | 1 + 1 | | ADC counts | 7 × 2 |
 //! | | | | inputs that are low: bit 0 the emergency stop's | 1 |
 //!
-//! The time of an echo pin counts from the last trigger on: 0 until it goes high, growing while it is, and then what it was. So 0
-//! says that a sonar does not answer, and never that nothing is there: see [`Sonar`](crate::drivers::Sonar).
+//! The time of an echo pin counts from the last trigger on: 0 until it goes high, growing while it
+//! is, and then what it was. So 0 says that a sonar does not answer, and never that nothing is
+//! there: see [`Sonar`](crate::drivers::Sonar).
 
 use core::array;
 
@@ -38,9 +40,11 @@ pub const STALE_FRAME_LIMIT: u8 = 5;
 pub struct Request {
     /// Counts the exchanges from 0; wraps.
     pub sequence: u32,
-    /// Nominal start of this occurrence, in microseconds of plant time. Sensors are read at this instant.
+    /// Nominal start of this occurrence, in microseconds of plant time. Sensors are read at this
+    /// instant.
     pub start_us: u64,
-    /// Nominal end of the occurrence before, in microseconds of plant time. The actuators take effect at this instant.
+    /// Nominal end of the occurrence before, in microseconds of plant time. The actuators take
+    /// effect at this instant.
     pub effect_us: u64,
     /// What the tasks of the occurrence before left on the pins.
     pub actuators: Actuators,
@@ -65,7 +69,8 @@ impl Request {
         )
     }
 
-    /// The message in `bytes`. Any bytes are a message; the plant limits duties that no pin can have.
+    /// The message in `bytes`. Any bytes are a message; the plant limits duties that no pin can
+    /// have.
     pub fn decode(bytes: &[u8; REQUEST_BYTES]) -> Self {
         let mut fields = Fields(bytes.iter());
         Self {
@@ -114,7 +119,8 @@ impl Reply {
         )
     }
 
-    /// The message in `bytes`. Any bytes are a message; [`PlantExchange::accept`] looks at its sequence.
+    /// The message in `bytes`. Any bytes are a message; [`PlantExchange::accept`] looks at its
+    /// sequence.
     pub fn decode(bytes: &[u8; REPLY_BYTES]) -> Self {
         let mut fields = Fields(bytes.iter());
         Self {
@@ -144,7 +150,8 @@ fn filled<const N: usize>(bytes: impl Iterator<Item = u8>) -> [u8; N] {
 struct Fields<'a>(core::slice::Iter<'a, u8>);
 
 impl Fields<'_> {
-    /// The next `N` bytes. The sizes of the fields add up to the message's, so there always are as many.
+    /// The next `N` bytes. The sizes of the fields add up to the message's, so there always are as
+    /// many.
     fn take<const N: usize>(&mut self) -> [u8; N] {
         array::from_fn(|_| self.0.next().copied().unwrap_or(0))
     }
@@ -157,11 +164,13 @@ pub enum Freshness {
     Fresh,
     /// It does not, or none came; the pin image keeps the sensors that it had.
     Stale,
-    /// More than [`STALE_FRAME_LIMIT`] in a row were stale. The motors are off, and the board must go to its safe state.
+    /// More than [`STALE_FRAME_LIMIT`] in a row were stale. The motors are off, and the board must
+    /// go to its safe state.
     Lost,
 }
 
-/// The board's side of the exchanges: numbers the requests, judges the replies, watches the deadman time.
+/// The board's side of the exchanges: numbers the requests, judges the replies, watches the deadman
+/// time.
 ///
 /// ```
 /// use rt_firmware::body::{Freshness, PinImage, PlantExchange, Reply, Sensors};
@@ -193,9 +202,10 @@ impl PlantExchange {
         }
     }
 
-    /// The request that opens the occurrence whose nominal start is `start_us`; `effect_us` is the nominal end of the occurrence
-    /// before (of any slot), both in microseconds of plant time. Takes the sonar triggers from `pins`, and switches off each motor
-    /// that no task has written for [`DEADMAN_US`].
+    /// The request that opens the occurrence whose nominal start is `start_us`; `effect_us` is the
+    /// nominal end of the occurrence before (of any slot), both in microseconds of plant time.
+    /// Takes the sonar triggers from `pins`, and switches off each motor that no task has written
+    /// for [`DEADMAN_US`].
     pub fn request(&mut self, pins: &PinImage, start_us: u64, effect_us: u64) -> Request {
         for (motor, last_write_us) in
             (pins.motors().into_iter()).zip(&mut self.last_motor_writes_us)
@@ -216,7 +226,8 @@ impl PlantExchange {
         request
     }
 
-    /// Takes the reply to the last request, `None` if there was none, and puts its sensors on `pins` if it is fresh.
+    /// Takes the reply to the last request, `None` if there was none, and puts its sensors on
+    /// `pins` if it is fresh.
     pub fn accept(&mut self, pins: &PinImage, reply: Option<&[u8; REPLY_BYTES]>) -> Freshness {
         let expected = self.next_sequence.wrapping_sub(1);
         match reply.map(Reply::decode) {
@@ -278,7 +289,8 @@ mod tests {
             sensors: distinct_sensors(),
         };
         assert_eq!(Reply::decode(&reply.encode()), reply);
-        // Every byte belongs to a field: none is lost and none is padding. Of the last one a bit means something.
+        // Every byte belongs to a field: none is lost and none is padding. Of the last one a bit
+        // means something.
         let mut bytes: [u8; REPLY_BYTES] = array::from_fn(|i| 0xA0 ^ i as u8);
         bytes[REPLY_BYTES - 1] = STOP_IS_LOW;
         assert_eq!(Reply::decode(&bytes).encode(), bytes);

@@ -1,8 +1,10 @@
-//! The flash of a robot whose body is simulated: the plant holds its cells, and can lose power in each of its operations.
+//! The flash of a robot whose body is simulated: the plant holds its cells, and can lose power in
+//! each of its operations.
 //!
-//! It is a NOR flash beside the chip, as a serial one is: it erases [`ERASE_BYTES`] at once to 0xFF, and writes [`WRITE_BYTES`] at once, each once between two
-//! erases. A board reaches it by messages of its own ([`FlashWire`]), apart from those of the pins, so that an operation and a slot's exchange never mix.
-//! Numbers are little endian:
+//! It is a NOR flash beside the chip, as a serial one is: it erases [`ERASE_BYTES`] at once to
+//! 0xFF, and writes [`WRITE_BYTES`] at once, each once between two erases. A board reaches it by
+//! messages of its own ([`FlashWire`]), apart from those of the pins, so that an operation and a
+//! slot's exchange never mix. Numbers are little endian:
 //!
 //! | request | bytes | | reply | bytes |
 //! |---|---|---|---|---|
@@ -114,7 +116,8 @@ pub fn status_of(number: u8) -> Result<(), NorFlashErrorKind> {
 
 /// The way from a board to its flash.
 pub trait FlashWire {
-    /// Sends a request, `written` behind its head, and waits for the reply: its status, and what was read into `room`. None if nobody answers.
+    /// Sends a request, `written` behind its head, and waits for the reply: its status, and what
+    /// was read into `room`. None if nobody answers.
     fn exchange(
         &mut self,
         request: &FlashRequest,

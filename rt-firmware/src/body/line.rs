@@ -1,11 +1,14 @@
 //! The link of a robot whose body is simulated, carried by its exchange with the plant.
 //!
-//! A UART's bytes come by the clock on the wall, so that no two runs in which something is asked of the robot are the same. Where they are to be, the board
-//! swaps the link's bytes with the plant instead, a message each way, each [`INTERVAL_US`] of its own time, with and without a mission: [`PART_BYTES`] in
-//! each direction at most, which is what a line of 115,200 baud carries meanwhile. Virtual time stands still until the answer is there.
+//! A UART's bytes come by the clock on the wall, so that no two runs in which something is asked of
+//! the robot are the same. Where they are to be, the board swaps the link's bytes with the plant
+//! instead, a message each way, each [`INTERVAL_US`] of its own time, with and without a mission:
+//! [`PART_BYTES`] in each direction at most, which is what a line of 115,200 baud carries
+//! meanwhile. Virtual time stands still until the answer is there.
 //!
-//! As those of the flash, the messages go by a way of their own beside the pins': they are swapped below the slots, and one that a slot interrupts must not mix with that
-//! slot's exchange. Both messages have the same shape:
+//! As those of the flash, the messages go by a way of their own beside the pins': they are swapped
+//! below the slots, and one that a slot interrupts must not mix with that slot's exchange. Both
+//! messages have the same shape:
 //!
 //! | byte | what |
 //! |---|---|
@@ -16,7 +19,8 @@
 /// How often the messages are swapped, in microseconds.
 pub const INTERVAL_US: u32 = 3_125;
 
-/// Bytes of the link in one message at most: at ten bits a byte, 115,200 baud are 36 in [`INTERVAL_US`], and nothing is left over.
+/// Bytes of the link in one message at most: at ten bits a byte, 115,200 baud are 36 in
+/// [`INTERVAL_US`], and nothing is left over.
 pub const PART_BYTES: usize = 36;
 
 /// Size of a message in bytes.

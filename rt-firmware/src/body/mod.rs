@@ -1,16 +1,18 @@
-//! The robot's body as a board without one sees it: an image of the pins, and the messages that keep it in step with the
-//! simulated plant.
+//! The robot's body as a board without one sees it: an image of the pins, and the messages that
+//! keep it in step with the simulated plant.
 //!
-//! A real board has timers, counters and converters behind its pins. The emulated board and the host board have none, so their
-//! pins are a [`PinImage`]: drivers write and read it through the same `embedded-hal` objects as on hardware ([`Parts`]), and once in
-//! each slot occurrence the board carries it to the plant and back with a [`PlantExchange`].
+//! A real board has timers, counters and converters behind its pins. The emulated board and the
+//! host board have none, so their pins are a [`PinImage`]: drivers write and read it through the
+//! same `embedded-hal` objects as on hardware ([`Parts`]), and once in each slot occurrence the
+//! board carries it to the plant and back with a [`PlantExchange`].
 //!
 //! ```text
 //!  drivers ── Parts ──▶ PinImage ── PlantExchange::request ──▶ bytes ──▶ plant
 //!          ◀─        ◀──          ◀─ PlantExchange::accept ─── bytes ◀──
 //! ```
 //!
-//! The image carries what pins carry (PWM duty, encoder counts, echo times, ADC counts, levels), never speeds or poses.
+//! The image carries what pins carry (PWM duty, encoder counts, echo times, ADC counts, levels),
+//! never speeds or poses.
 
 mod exchange;
 pub mod flash;

@@ -1,7 +1,8 @@
 //! The pin image and the HAL objects that are borrowed from it.
 //!
-//! Every pin is an atomic of its own that is only loaded and stored, so that the image works on cores without
-//! compare-and-swap and needs no critical section. One side writes a pin, the other reads it.
+//! Every pin is an atomic of its own that is only loaded and stored, so that the image works on
+//! cores without compare-and-swap and needs no critical section. One side writes a pin, the other
+//! reads it.
 
 use core::array;
 use core::convert::Infallible;
@@ -15,7 +16,8 @@ use crate::drivers::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
 /// Number of sonars in the ring.
 pub const SONARS: usize = 8;
 
-/// Number of analogue inputs: the battery, three for the user's own drivers, three that look at the floor.
+/// Number of analogue inputs: the battery, three for the user's own drivers, three that look at the
+/// floor.
 pub const ANALOG_CHANNELS: usize = 7;
 
 /// The analogue input that measures the battery.
@@ -36,9 +38,11 @@ pub const FULL_DUTY: u16 = 1_000;
 /// ADC counts at the reference voltage (12 bits).
 pub const ADC_FULL_SCALE: u16 = 4_095;
 
-/// A motor that no task has written for longer than this is switched off, in microseconds, whatever is written to the other.
+/// A motor that no task has written for longer than this is switched off, in microseconds, whatever
+/// is written to the other.
 ///
-/// Long enough for a swap of missions to go unnoticed, short enough that a robot at walking pace goes on for a hand's breadth.
+/// Long enough for a swap of missions to go unnoticed, short enough that a robot at walking pace
+/// goes on for a hand's breadth.
 pub const DEADMAN_US: u64 = 250_000;
 
 /// What the board drives: a snapshot of its output pins.
@@ -61,13 +65,16 @@ pub struct Sensors {
     pub left_count: u16,
     /// Count of the right wheel's encoder; wraps.
     pub right_count: u16,
-    /// How long the echo pin of each sonar has been high since its last trigger, in microseconds; 0 while it has not been.
+    /// How long the echo pin of each sonar has been high since its last trigger, in microseconds; 0
+    /// while it has not been.
     pub echo_us: [u16; SONARS],
     /// Bit *i* is set while the echo pin of sonar *i* is high: its time still grows.
     pub echo_high: u8,
-    /// ADC counts, `0..=ADC_FULL_SCALE`; [`BATTERY_CHANNEL`] is the battery, [`LINE_CHANNEL`] and the next two look at the floor.
+    /// ADC counts, `0..=ADC_FULL_SCALE`; [`BATTERY_CHANNEL`] is the battery, [`LINE_CHANNEL`] and
+    /// the next two look at the floor.
     pub adc_counts: [u16; ANALOG_CHANNELS],
-    /// Whether the emergency stop's button pulls its input low: it is pressed. Otherwise a resistor holds it high.
+    /// Whether the emergency stop's button pulls its input low: it is pressed. Otherwise a resistor
+    /// holds it high.
     pub stop_is_low: bool,
 }
 
@@ -153,7 +160,8 @@ impl PinImage {
         }
     }
 
-    /// The HAL objects of all pins, for the drivers. Meant to be called once: two objects of one output would write over each other.
+    /// The HAL objects of all pins, for the drivers. Meant to be called once: two objects of one
+    /// output would write over each other.
     pub fn parts(&self) -> Parts<'_> {
         Parts {
             left_pwm: MotorPwm { motor: &self.left },
@@ -182,14 +190,16 @@ impl PinImage {
         }
     }
 
-    /// The input of the emergency stop's button. It is not one of the [`parts`](Self::parts), which the robot's tasks are made of: the button works below them.
+    /// The input of the emergency stop's button. It is not one of the [`parts`](Self::parts), which
+    /// the robot's tasks are made of: the button works below them.
     pub fn stop_button(&self) -> StopPin<'_> {
         StopPin {
             is_low: &self.stop_is_low,
         }
     }
 
-    /// Brings the body to its safe state: motors off, auxiliary outputs low. Can be called from any context, a panic handler included.
+    /// Brings the body to its safe state: motors off, auxiliary outputs low. Can be called from any
+    /// context, a panic handler included.
     pub fn safe(&self) {
         self.motors_off();
         for output in &self.aux_outputs {
@@ -203,7 +213,8 @@ impl PinImage {
         self.right.off();
     }
 
-    /// The levels of the outputs now. Takes the latched sonar triggers: the next snapshot has only those that come after this one.
+    /// The levels of the outputs now. Takes the latched sonar triggers: the next snapshot has only
+    /// those that come after this one.
     pub fn take_actuators(&self) -> Actuators {
         let actuators = Actuators {
             left_duty: self.left.signed_duty(),
@@ -281,7 +292,8 @@ pub struct Parts<'a> {
     pub sonar_triggers: [TriggerPin<'a>; SONARS],
     /// Echo timers of the sonars, in the same order.
     pub echo_timers: [EchoCapture<'a>; SONARS],
-    /// Analogue inputs; [`BATTERY_CHANNEL`] is the battery, [`LINE_CHANNEL`] and the next two look at the floor.
+    /// Analogue inputs; [`BATTERY_CHANNEL`] is the battery, [`LINE_CHANNEL`] and the next two look
+    /// at the floor.
     pub analog: [AnalogChannel<'a>; ANALOG_CHANNELS],
     /// Digital outputs for the user's own drivers.
     pub aux_outputs: [AuxOutput<'a>; AUX_OUTPUTS],
@@ -343,7 +355,8 @@ impl digital::ErrorType for TriggerPin<'_> {
 }
 
 impl OutputPin for TriggerPin<'_> {
-    /// Changes nothing: the falling edge means nothing to a sonar, and the pulse must outlast it until the next snapshot.
+    /// Changes nothing: the falling edge means nothing to a sonar, and the pulse must outlast it
+    /// until the next snapshot.
     fn set_low(&mut self) -> Result<(), Infallible> {
         Ok(())
     }

@@ -10,7 +10,8 @@ pub struct BatteryGauge<A> {
 }
 
 impl<A: AnalogIn> BatteryGauge<A> {
-    /// The battery on this input; `full_scale_v` is the battery's voltage that reads as full scale, in volts.
+    /// The battery on this input; `full_scale_v` is the battery's voltage that reads as full scale,
+    /// in volts.
     pub fn new(input: A, full_scale_v: f32) -> Self {
         Self {
             input,

@@ -18,8 +18,8 @@ impl<E: EncoderCounter> WheelEncoder<E> {
         }
     }
 
-    /// Counts since the last call, forwards positive; 0 the first time. Right as long as the wheel turns by less than half the
-    /// counter's range between two calls.
+    /// Counts since the last call, forwards positive; 0 the first time. Right as long as the wheel
+    /// turns by less than half the counter's range between two calls.
     pub fn take_counts(&mut self) -> i16 {
         let count = self.counter.count();
         let last_count = self.last_count.replace(count).unwrap_or(count);

@@ -1,17 +1,21 @@
-//! What `embedded-hal` 1.0 has no trait for: counters of encoders, timers of echoes, analogue inputs.
+//! What `embedded-hal` 1.0 has no trait for: counters of encoders, timers of echoes, analogue
+//! inputs.
 //!
-//! All three read a register that hardware keeps up to date, so none of them can fail or has to wait.
+//! All three read a register that hardware keeps up to date, so none of them can fail or has to
+//! wait.
 
 /// The counter of a quadrature encoder.
 pub trait EncoderCounter {
-    /// The count now: up when the wheel turns forwards, down when it turns backwards, wrapping at both ends of `u16`.
+    /// The count now: up when the wheel turns forwards, down when it turns backwards, wrapping at
+    /// both ends of `u16`.
     fn count(&mut self) -> u16;
 }
 
 /// What the timer at a sonar's echo pin has seen since the last trigger.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EchoPulse {
-    /// The pin has not gone high. So it is with a sonar that is dead or not there, and with one whose pin hangs at a level.
+    /// The pin has not gone high. So it is with a sonar that is dead or not there, and with one
+    /// whose pin hangs at a level.
     None,
     /// The pin has gone high and still is, for so many microseconds so far.
     High {
@@ -20,14 +24,17 @@ pub enum EchoPulse {
     },
     /// The pin has gone high and low again.
     Over {
-        /// How long it was high, in microseconds; the greatest that it can hold stands for more, too.
+        /// How long it was high, in microseconds; the greatest that it can hold stands for more,
+        /// too.
         us: u16,
     },
 }
 
-/// The timer at a sonar's echo pin: a trigger clears it, the pin's rising edge starts it, its falling edge stops it.
+/// The timer at a sonar's echo pin: a trigger clears it, the pin's rising edge starts it, its
+/// falling edge stops it.
 ///
-/// It says what the pin did, and judges nothing: what a pulse means is the [driver](super::Sonar)'s to say.
+/// It says what the pin did, and judges nothing: what a pulse means is the [driver](super::Sonar)'s
+/// to say.
 pub trait EchoTimer {
     /// What the pin has done since the last trigger.
     fn pulse(&mut self) -> EchoPulse;

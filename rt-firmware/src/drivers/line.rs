@@ -1,4 +1,5 @@
-//! A row of reflectance sensors that look at the floor: the less light comes back, the higher their voltage.
+//! A row of reflectance sensors that look at the floor: the less light comes back, the higher their
+//! voltage.
 
 use super::AnalogIn;
 use crate::body::LINE_SENSORS;
@@ -15,7 +16,8 @@ pub struct LineArray<A> {
 }
 
 impl<A: AnalogIn> LineArray<A> {
-    /// The sensors on these inputs, from the left to the right, and what they read over bare floor and over a line, in ADC counts.
+    /// The sensors on these inputs, from the left to the right, and what they read over bare floor
+    /// and over a line, in ADC counts.
     pub fn new(inputs: [A; LINE_SENSORS], floor_counts: u16, line_counts: u16) -> Self {
         Self {
             inputs,
@@ -24,7 +26,8 @@ impl<A: AnalogIn> LineArray<A> {
         }
     }
 
-    /// How dark it is under each sensor, from the left to the right: 0 for bare floor to 1,000 for a line.
+    /// How dark it is under each sensor, from the left to the right: 0 for bare floor to 1,000 for
+    /// a line.
     pub fn darkness(&mut self) -> [u16; LINE_SENSORS] {
         let (floor_counts, line_counts) = (self.floor_counts, self.line_counts);
         let span = u32::from(line_counts.saturating_sub(floor_counts)).max(1);

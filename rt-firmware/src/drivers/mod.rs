@@ -1,6 +1,8 @@
-//! Drivers of the robot's parts, over `embedded-hal` 1.0 and three small traits of our own for what it lacks.
+//! Drivers of the robot's parts, over `embedded-hal` 1.0 and three small traits of our own for what
+//! it lacks.
 //!
-//! A driver never names a chip. It turns pins into quantities with units and back, and knows nothing of tasks or nets.
+//! A driver never names a chip. It turns pins into quantities with units and back, and knows
+//! nothing of tasks or nets.
 
 mod battery;
 mod encoder;

@@ -1,4 +1,5 @@
-//! A brushed motor behind an H-bridge: one PWM output for how much, one digital output for which way.
+//! A brushed motor behind an H-bridge: one PWM output for how much, one digital output for which
+//! way.
 
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
@@ -21,7 +22,8 @@ pub enum MotorError<P, D> {
 }
 
 impl<P: SetDutyCycle, D: OutputPin> DcMotor<P, D> {
-    /// A motor on these pins; `direction` high is backwards. Call [`DcMotor::off`] once before relying on its state.
+    /// A motor on these pins; `direction` high is backwards. Call [`DcMotor::off`] once before
+    /// relying on its state.
     pub fn new(pwm: P, direction: D) -> Self {
         Self {
             pwm,
@@ -30,8 +32,8 @@ impl<P: SetDutyCycle, D: OutputPin> DcMotor<P, D> {
         }
     }
 
-    /// Drives with `power`, a share of full power from -1 (full backwards) to 1 (full forwards); more counts as full, NaN as
-    /// none. The power is off while the direction changes.
+    /// Drives with `power`, a share of full power from -1 (full backwards) to 1 (full forwards);
+    /// more counts as full, NaN as none. The power is off while the direction changes.
     pub fn drive(&mut self, power: f32) -> Result<(), MotorError<P::Error, D::Error>> {
         let backwards = power < 0.0;
         if backwards != self.backwards {

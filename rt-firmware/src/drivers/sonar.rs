@@ -1,9 +1,10 @@
 //! A sonar: a pin that triggers a ping, a timer at its echo pin.
 //!
-//! A sonar of the common kind (HC-SR04, SRF04) answers each trigger with one pulse on its echo pin, also where
-//! nothing is in range: it raises the pin when its burst is out, and lowers it when the echo comes, or when it has waited
-//! long enough. The data sheets give 38 ms for an HC-SR04, 36 ms for an SRF04; an echo from 4 m takes 23.3 ms.
-//! So there are three answers, and none of them is silence:
+//! A sonar of the common kind (HC-SR04, SRF04) answers each trigger with one pulse on its echo pin,
+//! also where nothing is in range: it raises the pin when its burst is out, and lowers it when the
+//! echo comes, or when it has waited long enough. The data sheets give 38 ms for an HC-SR04, 36 ms
+//! for an SRF04; an echo from 4 m takes 23.3 ms. So there are three answers, and none of them is
+//! silence:
 //!
 //! | echo pin after a trigger | means |
 //! |---|---|
@@ -11,21 +12,24 @@
 //! | high for longer | the sonar has listened and heard nothing |
 //! | not high at all | no sonar: dead, unplugged, or its pin hangs |
 //!
-//! Sonars on a bus say the same in other words: an SRF08 has 0 as its first echo where it heard nothing, and does not
-//! acknowledge its address where it is not there. A driver for one gives its answers as [`Answer`], too.
+//! Sonars on a bus say the same in other words: an SRF08 has 0 as its first echo where it heard
+//! nothing, and does not acknowledge its address where it is not there. A driver for one gives its
+//! answers as [`Answer`], too.
 //!
-//! A sonar whose receiver is broken says that nothing is in range, over and over. From one sonar alone that cannot be told
-//! from an empty hall.
+//! A sonar whose receiver is broken says that nothing is in range, over and over. From one sonar
+//! alone that cannot be told from an empty hall.
 
 use embedded_hal::digital::OutputPin;
 
 use super::{EchoPulse, EchoTimer};
 
-/// Half the speed of sound at 20 °C, in metres for each microsecond of echo time: sound goes there and back.
+/// Half the speed of sound at 20 °C, in metres for each microsecond of echo time: sound goes there
+/// and back.
 const METRES_PER_ECHO_US: f32 = 343.2 / 2.0 / 1e6;
 
-/// A pulse longer than this is no echo but the end of the sonar's patience, in microseconds. The longest echo that the
-/// HC-SR04's data sheet knows is 25 ms, which is 4.3 m; the shortest patience of its kind is 30 ms (SRF05).
+/// A pulse longer than this is no echo but the end of the sonar's patience, in microseconds. The
+/// longest echo that the HC-SR04's data sheet knows is 25 ms, which is 4.3 m; the shortest patience
+/// of its kind is 30 ms (SRF05).
 pub const LONGEST_ECHO_US: u16 = 25_000;
 
 /// What a sonar says to a ping.
@@ -61,9 +65,9 @@ impl<T: OutputPin, E: EchoTimer> Sonar<T, E> {
         }
     }
 
-    /// Sends a ping. Its answer can be had when the sonar had the time to hear what it can: [`LONGEST_ECHO_US`] and half
-    /// a millisecond for its burst. The pin stays high for longer where nothing is there, and a trigger means nothing
-    /// to a sonar until it is low again.
+    /// Sends a ping. Its answer can be had when the sonar had the time to hear what it can:
+    /// [`LONGEST_ECHO_US`] and half a millisecond for its burst. The pin stays high for longer
+    /// where nothing is there, and a trigger means nothing to a sonar until it is low again.
     pub fn ping(&mut self) -> Result<(), T::Error> {
         self.unsent = true;
         self.trigger.set_high()?;
@@ -121,7 +125,8 @@ mod tests {
             (25_001, false, Answer::NothingInRange),
             (38_000, false, Answer::NothingInRange),
             (u16::MAX, false, Answer::NothingInRange),
-            // Asked while it listens: it may hear something yet, or it has listened for long enough.
+            // Asked while it listens: it may hear something yet, or it has listened for long
+            // enough.
             (5_828, true, Answer::None),
             (30_000, true, Answer::NothingInRange),
         ] {

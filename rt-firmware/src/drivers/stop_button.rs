@@ -2,14 +2,16 @@
 
 use embedded_hal::digital::InputPin;
 
-/// How long the input must be low at each look before the button counts as pressed, in µs: contacts bounce, and wires catch what a motor sends out. A little
-/// less than 5 ms, so that looks that are nominally 5 ms apart are far enough apart on every board.
+/// How long the input must be low at each look before the button counts as pressed, in µs: contacts
+/// bounce, and wires catch what a motor sends out. A little less than 5 ms, so that looks that are
+/// nominally 5 ms apart are far enough apart on every board.
 pub const STOP_DEBOUNCE_US: u32 = 4_900;
 
-/// A button that pulls its input low while it is pressed; a resistor holds it high otherwise. An input that cannot be read counts as low.
+/// A button that pulls its input low while it is pressed; a resistor holds it high otherwise. An
+/// input that cannot be read counts as low.
 ///
-/// Whoever asks must do so more often than the clock's ticks wrap. What is pressed stays so until the input is high again; that a stop stays latched is not
-/// the button's business.
+/// Whoever asks must do so more often than the clock's ticks wrap. What is pressed stays so until
+/// the input is high again; that a stop stays latched is not the button's business.
 ///
 /// ```
 /// use rt_firmware::body::{PinImage, Sensors};
@@ -46,8 +48,10 @@ impl<P: InputPin> StopButton<P> {
         }
     }
 
-    /// Whether it is pressed. `now_ticks` is asked for the low half of a clock whose microsecond has `ticks_per_us` ticks, and only if the input is low.
-    // Inlined, so that a slot of a robot whose button nobody presses takes a load and a store longer.
+    /// Whether it is pressed. `now_ticks` is asked for the low half of a clock whose microsecond
+    /// has `ticks_per_us` ticks, and only if the input is low.
+    // Inlined, so that a slot of a robot whose button nobody presses takes a load and a store
+    // longer.
     #[inline(always)]
     pub fn is_pressed(&mut self, now_ticks: impl FnOnce() -> u32, ticks_per_us: u32) -> bool {
         if let Ok(false) = self.pin.is_low() {

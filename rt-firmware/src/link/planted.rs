@@ -1,6 +1,8 @@
-//! Defects that tests plant into the link, one at a time, to see that they are found. Shipped code has none of this.
+//! Defects that tests plant into the link, one at a time, to see that they are found. Shipped code
+//! has none of this.
 //!
-//! The laws are what a host may rely on, held by a client that is good and by one that is not, over a line that loses and changes bytes.
+//! The laws are what a host may rely on, held by a client that is good and by one that is not, over
+//! a line that loses and changes bytes.
 
 use std::collections::VecDeque;
 use std::format;
@@ -165,7 +167,8 @@ impl Robot<'_, '_, '_> {
         answers
     }
 
-    /// Asks under a new number for something that the real-time side does when the clock says this, and expects this answer.
+    /// Asks under a new number for something that the real-time side does when the clock says this,
+    /// and expects this answer.
     fn expect_at(
         &mut self,
         at_us: u64,

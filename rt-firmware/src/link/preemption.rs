@@ -1,5 +1,5 @@
-//! Lets interrupts come in tests, at each place where one side looks at what it shares with others: every order of a stop, what else is asked for, and the
-//! slots' turns is tried.
+//! Lets interrupts come in tests, at each place where one side looks at what it shares with others:
+//! every order of a stop, what else is asked for, and the slots' turns is tried.
 
 use core::cell::{Cell, RefCell};
 use std::boxed::Box;
@@ -180,7 +180,8 @@ impl LinkPort for Port {
     }
 }
 
-/// A robot without a mission, for as long as the process lives: the order in which things come is new each time, and the robot is not.
+/// A robot without a mission, for as long as the process lives: the order in which things come is
+/// new each time, and the robot is not.
 struct Robot {
     link: LinkSide<'static, 'static>,
     port: Port,
@@ -327,8 +328,9 @@ const SCRIPTS: &[Script] = &[
     },
 ];
 
-/// Places where the first interrupt comes, and places behind it where others do. A turn of the link without a byte has fewer points
-/// than the first, and the way of a request from its first byte to its answer fewer than the second.
+/// Places where the first interrupt comes, and places behind it where others do. A turn of the link
+/// without a byte has fewer points than the first, and the way of a request from its first byte to
+/// its answer fewer than the second.
 const FIRST_POINTS: usize = 8;
 const POINTS: usize = 48;
 /// Turns of the slots beside those that are asked for.
@@ -427,7 +429,8 @@ fn no_order_of_interrupts_loses_a_stop_or_lets_what_is_older_undo_it() {
         for (number, script) in SCRIPTS.iter().enumerate() {
             for timers in 0..=TIMERS {
                 for order in orders(script.requests.len(), timers) {
-                    // All places of two interrupts; of three every other behind the first, of more every seventh.
+                    // All places of two interrupts; of three every other behind the first, of more
+                    // every seventh.
                     let step = match order.len() {
                         ..=2 => 1,
                         3 => 2,

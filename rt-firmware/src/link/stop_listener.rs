@@ -1,12 +1,14 @@
-//! Listens for stops among the bytes of the line, where they come in: ahead of the link's queue, and of whatever the link is at.
+//! Listens for stops among the bytes of the line, where they come in: ahead of the link's queue,
+//! and of whatever the link is at.
 //!
-//! A board gives it each byte in the interrupt that takes bytes off the line. It knows the whole frame
-//! of a [`Stop`](Request::Stop) or an [`EmergencyStop`](Request::EmergencyStop), with the right
-//! checksum and any number, also one with a proof of who sent it or with a deadline: everybody may stop a robot, and a
-//! stop that comes late is a stop, so that nobody looks at those here. The frame goes to the link all the same, which
-//! answers it.
+//! A board gives it each byte in the interrupt that takes bytes off the line. It knows the whole
+//! frame of a [`Stop`](Request::Stop) or an [`EmergencyStop`](Request::EmergencyStop), with the
+//! right checksum and any number, also one with a proof of who sent it or with a deadline:
+//! everybody may stop a robot, and a stop that comes late is a stop, so that nobody looks at those
+//! here. The frame goes to the link all the same, which answers it.
 //!
-//! A byte costs a few instructions, one that ends a short frame the checksum of `LONGEST` bytes besides.
+//! A byte costs a few instructions, one that ends a short frame the checksum of `LONGEST` bytes
+//! besides.
 
 #[cfg(doc)]
 use esm_link::message::Request;
@@ -18,23 +20,25 @@ use esm_link::frame::{CRC_BYTES, DELIMITER, checksum};
 /// Numbers of the requests that it knows.
 const STOP: u8 = 6;
 const EMERGENCY_STOP: u8 = 27;
-/// Of a request that is in another, which proves who sent it: a number of at most 5 bytes, the proof, the
-/// length of the request that it holds, and that.
+/// Of a request that is in another, which proves who sent it: a number of at most 5 bytes, the
+/// proof, the length of the request that it holds, and that.
 const PROVEN: u8 = 35;
 const LONGEST_NUMBER: usize = 5;
 const PROOF_BYTES: usize = 16;
-/// Of a request that brings the deadline of another: that, of at most 10 bytes, the length of the request that it
-/// holds, and that.
+/// Of a request that brings the deadline of another: that, of at most 10 bytes, the length of the
+/// request that it holds, and that.
 const WITHIN: u8 = 30;
 const LONGEST_DEADLINE: usize = 10;
 
 /// Bytes of the longest request that is a stop with a deadline.
 const LONGEST_WITHIN: usize = 1 + LONGEST_DEADLINE + 1 + 1;
-/// Bytes of the longest frame that holds a stop, as COBS makes them, without delimiter: a number, what it is, number and proof,
-/// length, the stop with its deadline, the checksum, and the first byte of COBS.
+/// Bytes of the longest frame that holds a stop, as COBS makes them, without delimiter: a number,
+/// what it is, number and proof, length, the stop with its deadline, the checksum, and the first
+/// byte of COBS.
 const LONGEST: usize = 1 + 1 + LONGEST_NUMBER + PROOF_BYTES + 1 + LONGEST_WITHIN + CRC_BYTES + 1;
 
-/// Hears stops. A board has one for its line, from [`LinkSide::stop_listener`](crate::LinkSide::stop_listener).
+/// Hears stops. A board has one for its line, from
+/// [`LinkSide::stop_listener`](crate::LinkSide::stop_listener).
 pub struct StopListener<'m> {
     frame: [u8; LONGEST],
     /// Bytes of the frame so far; more than there is room for if it is too long to be a stop.
@@ -63,10 +67,12 @@ impl<'m> StopListener<'m> {
         }
     }
 
-    /// A byte came off the line. `is_kept` says whether the link will get it; one that found no room is counted as lost.
+    /// A byte came off the line. `is_kept` says whether the link will get it; one that found no
+    /// room is counted as lost.
     ///
     /// Returns whether it ended a stop. Then the wish is there, and the board calls
-    /// [`RealTime::on_timer`](crate::RealTime::on_timer) as soon as it can: the slot timer's interrupt, pended by software.
+    /// [`RealTime::on_timer`](crate::RealTime::on_timer) as soon as it can: the slot timer's
+    /// interrupt, pended by software.
     #[must_use]
     pub fn hear(&mut self, byte: u8, is_kept: bool) -> bool {
         if is_kept {

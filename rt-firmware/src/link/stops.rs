@@ -1,9 +1,11 @@
-//! Wishes that the robot stops: who has one says so here, and the real-time side looks before each exchange with the body.
+//! Wishes that the robot stops: who has one says so here, and the real-time side looks before each
+//! exchange with the body.
 //!
-//! A stop is wished for at two places: where its bytes come off the line ([`StopListener`](crate::StopListener)), ahead of
-//! all that waits in the link's queue, and where the link reads it there. Each place counts its own
-//! wishes, so that every word has one writer. The sum says which wishes were there when a request was
-//! read: what is older than a wish must not undo it.
+//! A stop is wished for at two places: where its bytes come off the line
+//! ([`StopListener`](crate::StopListener)), ahead of all that waits in the link's queue, and where
+//! the link reads it there. Each place counts its own wishes, so that every word has one writer.
+//! The sum says which wishes were there when a request was read: what is older than a wish must not
+//! undo it.
 //!
 //! *Invariant:* a wish is counted first, then the real-time side is called. It takes the call back
 //! first, and looks at the counts then. So no wish is lost, wherever one interrupts the other.
@@ -19,11 +21,13 @@ use crate::supervision::Signs;
 
 /// What is known of stops that were wished for. Counts wrap.
 pub(crate) struct Stops {
-    /// The real-time side is to look. Set by whoever wishes for a stop, cleared by the real-time side.
+    /// The real-time side is to look. Set by whoever wishes for a stop, cleared by the real-time
+    /// side.
     called: AtomicBool,
     /// Wishes heard on the line. The listener's.
     heard: AtomicU32,
-    /// How many bytes of the line had been kept for the link when the last one was heard. The listener's.
+    /// How many bytes of the line had been kept for the link when the last one was heard. The
+    /// listener's.
     heard_at: AtomicU32,
     /// Wishes that the link has read. The link's.
     read: AtomicU32,
@@ -79,7 +83,8 @@ impl Stops {
         self.lost_bytes.load(Relaxed)
     }
 
-    /// A wish was read. For the link alone. Returns its number, which [`is_done`](Self::is_done) takes.
+    /// A wish was read. For the link alone. Returns its number, which [`is_done`](Self::is_done)
+    /// takes.
     pub(crate) fn read(&self) -> u32 {
         add_one(&self.read)
     }
@@ -121,7 +126,8 @@ impl Stops {
         self.done.store(read, Release);
     }
 
-    /// Whether a stop was wished for since there were so many wishes. With `None` one had been heard already, further on.
+    /// Whether a stop was wished for since there were so many wishes. With `None` one had been
+    /// heard already, further on.
     pub(crate) fn overtakes(&self, count: Option<u32>) -> bool {
         count != Some(self.count()) && !planted!(OvertakenForgotten)
     }
@@ -135,8 +141,8 @@ impl Stops {
 }
 
 impl Signs {
-    /// Lets the real-time side switch the motors off before it next exchanges anything with the body, and after each reset. Whoever
-    /// wants that has counted the wish before.
+    /// Lets the real-time side switch the motors off before it next exchanges anything with the
+    /// body, and after each reset. Whoever wants that has counted the wish before.
     pub(crate) fn latch_emergency_stop(&self, kept: Option<&Kept>) {
         // Before all else: a release that is under way is older than this, and must not end it.
         self.release.store(false, Relaxed);
@@ -184,7 +190,8 @@ impl Place {
         kept_bytes.wrapping_sub(self.taken) as i32
     }
 
-    /// Whether a stop was heard whose bytes are still to come, or were lost: what was read up to here is older.
+    /// Whether a stop was heard whose bytes are still to come, or were lost: what was read up to
+    /// here is older.
     pub(crate) fn is_stop_ahead(&mut self, stops: &Stops) -> bool {
         // First how many, then where: one that is heard in between is still ahead.
         let heard = stops.heard.load(Acquire);

@@ -1,8 +1,10 @@
 //! Dead reckoning: where the robot is, worked out from how far its wheels have turned.
 //!
-//! In `f32`: a step of a fraction of a millimetre is lost only tens of kilometres from the start, the wheels slip by far more, and a core
-//! without a floating-point unit takes half the time. Sine and cosine are sums and products of `f32`, which host and target work out to the
-//! same bits; those of `libm` are as well, but go through `f64`, whose arithmetic would be five kilobytes of a small robot's flash.
+//! In `f32`: a step of a fraction of a millimetre is lost only tens of kilometres from the start,
+//! the wheels slip by far more, and a core without a floating-point unit takes half the time. Sine
+//! and cosine are sums and products of `f32`, which host and target work out to the same bits;
+//! those of `libm` are as well, but go through `f64`, whose arithmetic would be five kilobytes of a
+//! small robot's flash.
 
 use core::f32::consts::{FRAC_2_PI, PI, TAU};
 
@@ -25,10 +27,11 @@ impl Pose {
         heading_rad: 0.0,
     };
 
-    /// The pose after the left and the right wheel have rolled `left_m` and `right_m`, with the wheels `wheel_base_m` apart.
+    /// The pose after the left and the right wheel have rolled `left_m` and `right_m`, with the
+    /// wheels `wheel_base_m` apart.
     ///
-    /// Midpoint rule: the way is laid along the heading half-way through the turn, which is exact but for the difference between
-    /// arc and chord.
+    /// Midpoint rule: the way is laid along the heading half-way through the turn, which is exact
+    /// but for the difference between arc and chord.
     pub fn rolled(self, left_m: f32, right_m: f32, wheel_base_m: f32) -> Self {
         let way_m = (left_m + right_m) / 2.0;
         let turn_rad = (right_m - left_m) / wheel_base_m;
@@ -41,7 +44,8 @@ impl Pose {
     }
 }
 
-/// The angle between -π and π that looks the same way as `angle_rad`, which is at most one turn outside.
+/// The angle between -π and π that looks the same way as `angle_rad`, which is at most one turn
+/// outside.
 pub fn wrapped_rad(angle_rad: f32) -> f32 {
     if angle_rad > PI {
         angle_rad - TAU
@@ -52,13 +56,15 @@ pub fn wrapped_rad(angle_rad: f32) -> f32 {
     }
 }
 
-/// Sine and cosine of an angle, which is a few turns at most: to 1e-7 within four turns, to 2e-7 within a hundred, and less and less exact
-/// beyond.
+/// Sine and cosine of an angle, which is a few turns at most: to 1e-7 within four turns, to 2e-7
+/// within a hundred, and less and less exact beyond.
 ///
-/// The angle's distance from the nearest quarter turn, an eighth at most, goes into the two power series, cut where the next term is less than
-/// half of an `f32`'s last bit; the number of quarter turns says which is which.
+/// The angle's distance from the nearest quarter turn, an eighth at most, goes into the two power
+/// series, cut where the next term is less than half of an `f32`'s last bit; the number of quarter
+/// turns says which is which.
 pub(crate) fn sine_and_cosine(angle_rad: f32) -> (f32, f32) {
-    /// A quarter turn in two parts. The first has so few bits that its products with small numbers are exact.
+    /// A quarter turn in two parts. The first has so few bits that its products with small numbers
+    /// are exact.
     const QUARTER_RAD: f32 = 1.570_312_5;
     /// See [`QUARTER_RAD`].
     const QUARTER_REST_RAD: f32 = (core::f64::consts::FRAC_PI_2 - QUARTER_RAD as f64) as f32;

@@ -1,4 +1,5 @@
-//! What the link asks of the mission that runs: its blob, states, counters, parameters, and the values on its nets.
+//! What the link asks of the mission that runs: its blob, states, counters, parameters, and the
+//! values on its nets.
 
 use esm_core::tables::Tables;
 use esm_core::{BlobBuffer, Interpreter};
@@ -58,7 +59,8 @@ impl<'m> RealTime<'_, 'm> {
                 if index < tables.task_instance_count() {
                     Letter::Task(TaskCounters {
                         enabled: mission.interpreter.is_enabled(index),
-                        // The flag of a state that was left stands as it did until it is entered anew.
+                        // The flag of a state that was left stands as it did until it is entered
+                        // anew.
                         busy: mission.interpreter.is_current(index)
                             && mission.interpreter.is_busy(index),
                         overruns: self.tasks.overruns(task_instance),
@@ -91,7 +93,8 @@ impl<'m> RealTime<'_, 'm> {
         }
     }
 
-    /// Lets samples of values be taken from the next macro step on, or tells what values are made of.
+    /// Lets samples of values be taken from the next macro step on, or tells what values are made
+    /// of.
     #[inline(never)]
     pub(super) fn answer_of_values(
         &mut self,

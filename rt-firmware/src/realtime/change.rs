@@ -1,6 +1,8 @@
-//! When and how missions change: another one takes over, the present one starts anew, or the robot goes back to the one before.
+//! When and how missions change: another one takes over, the present one starts anew, or the robot
+//! goes back to the one before.
 //!
-//! *Invariant:* missions are exchanged between two macro steps, and who asked for it is not answered before the new mission runs.
+//! *Invariant:* missions are exchanged between two macro steps, and who asked for it is not
+//! answered before the new mission runs.
 
 use super::RealTime;
 use super::mission::Origin;
@@ -12,7 +14,8 @@ use crate::mail::{Freed, Letter};
 use esm_link::message::{LinkError, Mode, Swap};
 use esm_link::trial::{FallBack, FallBackReason};
 
-/// How long before the first macro step of another mission the missions are exchanged, if nothing is due in between: longer than that takes.
+/// How long before the first macro step of another mission the missions are exchanged, if nothing
+/// is due in between: longer than that takes.
 const CHANGE_LEAD_US: u32 = 2_000;
 
 /// [`CHANGE_LEAD_US`] on the board's clock.
@@ -21,8 +24,9 @@ pub(super) fn lead_ticks<B: Board>() -> u64 {
 }
 
 impl<'m> RealTime<'_, 'm> {
-    /// Whether a macro step at this time is the first of another mission, or of this one anew. A swap that is asked for when that step is due waits for the one after it, for which there is time to
-    /// make it; where the step is late anyway, it comes with it.
+    /// Whether a macro step at this time is the first of another mission, or of this one anew. A
+    /// swap that is asked for when that step is due waits for the one after it, for which there is
+    /// time to make it; where the step is late anyway, it comes with it.
     pub(super) fn changes_mission<B: Board>(&self, at: Origin) -> bool {
         let is_asked = (self.waiting.as_ref()).is_some_and(|letter| match &**letter {
             Letter::SetParam { .. } => false,
@@ -35,7 +39,8 @@ impl<'m> RealTime<'_, 'm> {
         is_asked || (self.trial.as_ref()).is_some_and(|trial| trial.is_over(at.us))
     }
 
-    /// Switches to the mission that waits, falls back to the one before, or starts the present one anew, at this time.
+    /// Switches to the mission that waits, falls back to the one before, or starts the present one
+    /// anew, at this time.
     pub(super) fn change_mission(&mut self, at: Origin) {
         if let Some(reason) = self.trial.as_ref().and_then(|trial| trial.end_at(at.us)) {
             // Whatever waits comes after it, unless it is what was asked for.
@@ -116,7 +121,8 @@ impl<'m> RealTime<'_, 'm> {
         Letter::Started
     }
 
-    /// Answers a letter that has changed the mission when its first macro step begins: until then the one before runs, whatever was exchanged already.
+    /// Answers a letter that has changed the mission when its first macro step begins: until then
+    /// the one before runs, whatever was exchanged already.
     fn answer_then(&mut self, letter: &'m mut Letter<'m>) {
         if WARM {
             self.answered = Some(letter);

@@ -1,4 +1,5 @@
-//! What is counted of occurrences: delays, executions, overruns, and those that were missed; and how much of it leads to the safe state.
+//! What is counted of occurrences: delays, executions, overruns, and those that were missed; and
+//! how much of it leads to the safe state.
 
 use core::sync::atomic::Ordering::Relaxed;
 
@@ -104,7 +105,8 @@ impl RealTime<'_, '_> {
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn count_time<B: Board>(&self, took_ticks: u32) {
         let slots_us = &self.signs.slots_us;
-        // Only this side counts it, so load and store suffice. What is rounded off is at the link's expense.
+        // Only this side counts it, so load and store suffice. What is rounded off is at the link's
+        // expense.
         let us = took_ticks / B::TICKS_PER_US;
         slots_us.store(slots_us.load(Relaxed).wrapping_add(us), Relaxed);
     }

@@ -1,6 +1,8 @@
-//! What is due, but was not looked up before: occurrences of the interpreter's slot and those that are late, missions that take over, and what is to be done while there is none.
+//! What is due, but was not looked up before: occurrences of the interpreter's slot and those that
+//! are late, missions that take over, and what is to be done while there is none.
 //!
-//! *Invariant:* each round of the loop takes an occurrence from the dispatcher, exchanges missions, or is the last. So it ends when nothing is due.
+//! *Invariant:* each round of the loop takes an occurrence from the dispatcher, exchanges missions,
+//! or is the last. So it ends when nothing is due.
 
 use core::sync::atomic::Ordering;
 
@@ -13,8 +15,8 @@ use crate::features::{PARAMS, WARM};
 use esm_link::message::Mode;
 
 impl RealTime<'_, '_> {
-    /// Executes what else is due, and returns when to be called again. A letter from the link waits until the slot is done that the interrupt was
-    /// for, unless that is the interpreter's.
+    /// Executes what else is due, and returns when to be called again. A letter from the link waits
+    /// until the slot is done that the interrupt was for, unless that is the interpreter's.
     #[inline(never)]
     pub(super) fn go_on<B: Board>(&mut self, board: &mut B, letter_waits: bool) -> u64 {
         let began_ticks = board.now_low_ticks();
@@ -135,7 +137,8 @@ impl RealTime<'_, '_> {
         }
     }
 
-    /// Starts the mission that waits, where there is none; or else keeps the robot still, and returns when to be called again.
+    /// Starts the mission that waits, where there is none; or else keeps the robot still, and
+    /// returns when to be called again.
     fn stand_by<B: Board>(&mut self, board: &mut B, now: u64) -> Option<u64> {
         if self.waiting.is_some() {
             let lead_ticks = ticks::<B>(B::START_LEAD_US);
@@ -158,11 +161,12 @@ impl RealTime<'_, '_> {
         Some(now + poll_ticks::<B>())
     }
 
-    /// Counts as missed what the old mission still owes when the interpreter comes so late that the new one starts first: occurrences
-    /// whose nominal start is before this time.
+    /// Counts as missed what the old mission still owes when the interpreter comes so late that the
+    /// new one starts first: occurrences whose nominal start is before this time.
     #[inline(never)]
     fn give_up_before(&mut self, start_us: u64) {
-        // A slot that is taken goes on at or after `start_us`, so that each of them is taken once at most.
+        // A slot that is taken goes on at or after `start_us`, so that each of them is taken once
+        // at most.
         while let Some(last_us) = start_us.checked_sub(1) {
             let owed = self.dispatcher.next().slot;
             let before = self.dispatcher.missed(owed);

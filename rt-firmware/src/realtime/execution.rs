@@ -1,4 +1,5 @@
-//! The execution of a slot's enabled tasks: each reads its task instance's record, and nothing else that a mission says.
+//! The execution of a slot's enabled tasks: each reads its task instance's record, and nothing else
+//! that a mission says.
 
 use esm_core::tables::TaskPlaces;
 use esm_core::{BlobBuffer, Interpreter};
@@ -17,8 +18,9 @@ use esm_link::trace::TraceRecord;
 const TASK_CONTROL_FLAGS: u16 = esm_core::format::TASK_CONTROL_FLAGS as u16;
 
 impl RealTime<'_, '_> {
-    /// Executes the enabled tasks of a slot, from the one on that was [prepared](Self::prepare_task), in an occurrence that
-    /// [began](crate::Executor::begin) at `began_ticks`.
+    /// Executes the enabled tasks of a slot, from the one on that was
+    /// [prepared](Self::prepare_task), in an occurrence that [began](crate::Executor::begin) at
+    /// `began_ticks`.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn execute_tasks<B: Board>(
         &mut self,
@@ -42,7 +44,8 @@ impl RealTime<'_, '_> {
         }
     }
 
-    /// Executes the task that was prepared, and keeps which one that is for whoever ends the firmware meanwhile.
+    /// Executes the task that was prepared, and keeps which one that is for whoever ends the
+    /// firmware meanwhile.
     #[cfg_attr(feature = "speed", inline(always))]
     fn run_task(&mut self, instance: u16) -> Option<Step> {
         let Some(kept) = self.kept else {
@@ -54,7 +57,8 @@ impl RealTime<'_, '_> {
         step
     }
 
-    /// Gives an enabled task what its next execution needs. False if it cannot be executed: it is busy then.
+    /// Gives an enabled task what its next execution needs. False if it cannot be executed: it is
+    /// busy then.
     #[inline(never)]
     pub(super) fn prepare_task(&mut self, instance: u16) -> bool {
         let (Some(record), Some(Mission { interpreter, .. })) = (
@@ -81,7 +85,8 @@ impl RealTime<'_, '_> {
         self.executor.prepare(&mut record.binding, enter)
     }
 
-    /// Takes over what a task did, and returns the task instance that follows in its slot. It was not executed if it is busy.
+    /// Takes over what a task did, and returns the task instance that follows in its slot. It was
+    /// not executed if it is busy.
     #[inline(never)]
     fn end_task<B: Board>(
         &mut self,

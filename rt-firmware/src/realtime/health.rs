@@ -1,4 +1,5 @@
-//! What others see of the real-time side: the snapshot that the link reads, and the flight recorder.
+//! What others see of the real-time side: the snapshot that the link reads, and the flight
+//! recorder.
 
 use super::RealTime;
 use crate::board::microseconds;

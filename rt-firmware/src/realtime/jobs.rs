@@ -1,6 +1,8 @@
-//! Runs of slot-0 tasks: they are started in occurrences of slots, executed by the background, and taken back in another occurrence.
+//! Runs of slot-0 tasks: they are started in occurrences of slots, executed by the background, and
+//! taken back in another occurrence.
 //!
-//! *Invariant:* there is one job, so that one run is under way at most; whoever waits longest is started next.
+//! *Invariant:* there is one job, so that one run is under way at most; whoever waits longest is
+//! started next.
 
 use esm_core::tables::Tables;
 
@@ -13,7 +15,8 @@ use esm_link::message::Mode;
 use esm_link::trace::TraceRecord;
 
 impl RealTime<'_, '_> {
-    /// Takes a slot-0 run back that has ended, and starts another one, in the occurrence that began last. It has no macro step.
+    /// Takes a slot-0 run back that has ended, and starts another one, in the occurrence that began
+    /// last. It has no macro step.
     #[inline(never)]
     pub(super) fn change_jobs(&mut self, slot: usize, start_us: u64) {
         if self.mode != Mode::Running {
@@ -32,7 +35,8 @@ impl RealTime<'_, '_> {
         self.start_job(start_us, occurrence.number);
     }
 
-    /// Takes back a slot-0 run that has ended; that becomes known in this occurrence. There is none where there is no mission.
+    /// Takes back a slot-0 run that has ended; that becomes known in this occurrence. There is none
+    /// where there is no mission.
     pub(super) fn take_job_back(&mut self, occurrence: Option<&Occurrence>) {
         let Some(place) = self.from_background.dequeue() else {
             return;
@@ -74,7 +78,8 @@ impl RealTime<'_, '_> {
         });
     }
 
-    /// Starts the slot-0 run that has waited longest and can be started, and marks as busy those that cannot.
+    /// Starts the slot-0 run that has waited longest and can be started, and marks as busy those
+    /// that cannot.
     #[inline(never)]
     pub(super) fn start_job(&mut self, start_us: u64, number: u64) {
         let Some(mission) = &mut self.mission else {
@@ -130,7 +135,8 @@ impl RealTime<'_, '_> {
     }
 }
 
-/// The slot-0 task instance that was enabled longest ago among those that wait to be started, if younger than the last one looked at.
+/// The slot-0 task instance that was enabled longest ago among those that wait to be started, if
+/// younger than the last one looked at.
 fn oldest_waiting(tasks: &TaskTable<'_>, younger_than: Option<u32>) -> Option<(u16, u32)> {
     let mut oldest: Option<(u16, u32)> = None;
     let mut next = tasks.first_in_slot_0();

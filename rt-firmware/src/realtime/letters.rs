@@ -1,6 +1,8 @@
-//! The letter from the link: what can be done at once is done and answered, and what changes the mission or a parameter waits for the interpreter's next occurrence.
+//! The letter from the link: what can be done at once is done and answered, and what changes the
+//! mission or a parameter waits for the interpreter's next occurrence.
 //!
-//! *Invariant:* there is one letter. It is on its way, waits here, or is answered, and goes back each time.
+//! *Invariant:* there is one letter. It is on its way, waits here, or is answered, and goes back
+//! each time.
 
 use core::sync::atomic::Ordering;
 
@@ -156,8 +158,9 @@ impl<'m> RealTime<'_, 'm> {
         self.params.has_room(param)
     }
 
-    /// Gives a parameter the value that a letter says, and makes the answer of it. The value was checked when the letter came, for the mission that it names: where that has
-    /// ended meanwhile, nothing is done.
+    /// Gives a parameter the value that a letter says, and makes the answer of it. The value was
+    /// checked when the letter came, for the mission that it names: where that has ended meanwhile,
+    /// nothing is done.
     // Not inlined: no task should run on top of what this needs of the stack.
     #[inline(never)]
     pub(super) fn set_param(&mut self, letter: &mut Letter<'_>) {

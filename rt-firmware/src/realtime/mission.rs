@@ -1,4 +1,5 @@
-//! The mission that runs: from its start, with what it takes over from the one before, to its end, when its tables and memory are left.
+//! The mission that runs: from its start, with what it takes over from the one before, to its end,
+//! when its tables and memory are left.
 //!
 //! *Invariant:* a mission that starts was checked, so that there is room for all that it has.
 
@@ -21,7 +22,8 @@ pub(super) struct Mission<'m> {
     pub(super) origin: Origin,
     /// Its first macro step, which its own time is counted from, since the origin.
     began_us: u64,
-    /// What the time of its tasks was then: 0, or what it was in the mission that it took over from.
+    /// What the time of its tasks was then: 0, or what it was in the mission that it took over
+    /// from.
     tasks_us: u64,
     /// Occurrences of all slots so far.
     pub(super) occurrences: u64,
@@ -44,8 +46,8 @@ impl Mission<'_> {
         self.origin.us + start_us
     }
 
-    /// The macro step, on the robot's clock, that notes the end of a slot-0 run that is taken back in this occurrence: its own,
-    /// or else the next one.
+    /// The macro step, on the robot's clock, that notes the end of a slot-0 run that is taken back
+    /// in this occurrence: its own, or else the next one.
     pub(super) fn noting_step_us(&self, occurrence: &Occurrence) -> u64 {
         let robot_us = self.robot_us(occurrence.start_us);
         if occurrence.interpreter {
@@ -66,8 +68,9 @@ impl Mission<'_> {
     }
 }
 
-/// What the starts of slots are counted from: the first macro step of a mission that started from standing still. It stays where it is
-/// as long as missions follow one another whose interpreter slots have one period.
+/// What the starts of slots are counted from: the first macro step of a mission that started from
+/// standing still. It stays where it is as long as missions follow one another whose interpreter
+/// slots have one period.
 #[derive(Clone, Copy)]
 pub(super) struct Origin {
     /// On the board's clock.
@@ -77,9 +80,11 @@ pub(super) struct Origin {
 }
 
 impl<'m> RealTime<'_, 'm> {
-    /// Starts a mission whose first macro step is `at` this time. `running` is what was in its place until now: origin and interpreter's
-    /// period, which the slots go on with if it is the new interpreter's, too. If there still is a mission, the new one takes over what they have in `common`. Answers how many regions go on
-    /// as they were, and the mission before, if there was one.
+    /// Starts a mission whose first macro step is `at` this time. `running` is what was in its
+    /// place until now: origin and interpreter's period, which the slots go on with if it is the
+    /// new interpreter's, too. If there still is a mission, the new one takes over what they have
+    /// in `common`. Answers how many regions go on as they were, and the mission before, if there
+    /// was one.
     #[inline(never)]
     pub(super) fn start_mission(
         &mut self,
@@ -103,7 +108,8 @@ impl<'m> RealTime<'_, 'm> {
         let follows = running.filter(|(_, period_us)| *period_us == interpreter_period_us(&tables));
         let origin = follows.map_or(at, |(origin, _)| origin);
         let began_us = at.us - origin.us;
-        // It was checked before that there is room for the slots, and verified that they have periods.
+        // It was checked before that there is room for the slots, and verified that they have
+        // periods.
         let refused = self.dispatcher.restart_at(tables.slots(), began_us);
         debug_assert!(refused.is_ok());
         // What starts with the interpreter, and before it in the order of the slots, has been.

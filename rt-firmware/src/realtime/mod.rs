@@ -1,15 +1,22 @@
-//! The real-time side: owned by the slot timer's interrupt, it executes what is due and says when it wants to be called again.
+//! The real-time side: owned by the slot timer's interrupt, it executes what is due and says when
+//! it wants to be called again.
 //!
-//! What it does stands in modules of its own. The timer's interrupt enters at `occurrence`, which has looked up the next one, as a rule; `due` finds what else is due. An `occurrence` is a
-//! macro step, where the slot is the interpreter's, the `execution` of the slot's enabled tasks, in the order of the instance tree, and the `jobs` in slot 0, which are taken back and started;
-//! `counters` says what was counted of it, and when that is too much. A `mission` starts and ends; `change` is when another one takes over, or the same one starts anew, and `trial` how the robot
-//! goes back to the one before. `letters` are what the link wants, and `answers` what it asks. `safe_state` is motors off. `health` is what the others see of all this, and `signs_of_life` what
-//! the watchdog is fed for.
+//! What it does stands in modules of its own. The timer's interrupt enters at `occurrence`, which
+//! has looked up the next one, as a rule; `due` finds what else is due. An `occurrence` is a macro
+//! step, where the slot is the interpreter's, the `execution` of the slot's enabled tasks, in the
+//! order of the instance tree, and the `jobs` in slot 0, which are taken back and started;
+//! `counters` says what was counted of it, and when that is too much. A `mission` starts and ends;
+//! `change` is when another one takes over, or the same one starts anew, and `trial` how the robot
+//! goes back to the one before. `letters` are what the link wants, and `answers` what it asks.
+//! `safe_state` is motors off. `health` is what the others see of all this, and `signs_of_life`
+//! what the watchdog is fed for.
 //!
 //! *Invariant:* nothing here waits or locks.
 //!
-//! *Invariant:* after a stop or in the safe state slots go on, so that time, counters, link and the simulated body do, but neither the interpreter nor any task
-//! is executed. After an emergency stop the motors are switched off before each exchange with the body besides, whoever else may have written them.
+//! *Invariant:* after a stop or in the safe state slots go on, so that time, counters, link and the
+//! simulated body do, but neither the interpreter nor any task is executed. After an emergency stop
+//! the motors are switched off before each exchange with the body besides, whoever else may have
+//! written them.
 
 mod answers;
 mod change;
@@ -51,21 +58,24 @@ use trace::Trace;
 use trial::Trial;
 use upcoming::OwnRoom;
 
-/// How long the real-time side leaves the link without an answer, and the watchdog without food, when no slot is due.
+/// How long the real-time side leaves the link without an answer, and the watchdog without food,
+/// when no slot is due.
 pub const IDLE_POLL_US: u32 = 10_000;
 
 /// The real-time side of a runtime.
 pub struct RealTime<'q, 'm> {
     executor: Executor<'m>,
     mission: Option<Mission<'m>>,
-    /// Of the mission's slots. Beside it, not in it, so that a mission is small enough to be moved on the stack.
+    /// Of the mission's slots. Beside it, not in it, so that a mission is small enough to be moved
+    /// on the stack.
     dispatcher: &'m mut SlotQueue,
     /// Memory for the next mission, where the link has none.
     own: OwnRoom<'m>,
     tasks: TaskTable<'m>,
     mode: Mode,
     limits: Limits,
-    /// The task instance that has said how many overruns in a row are allowed while it is enabled, and how many.
+    /// The task instance that has said how many overruns in a row are allowed while it is enabled,
+    /// and how many.
     supervisor: Option<(u16, u16)>,
     /// Where a job is put to be passed around, while none is.
     job: Option<&'m mut Option<Job<'m>>>,
@@ -77,7 +87,8 @@ pub struct RealTime<'q, 'm> {
     to_link: Producer<'q, &'m mut Letter<'m>>,
     /// Buffers that no mission is in any more.
     freed: Producer<'q, Freed<'m>>,
-    /// A swap, a start, a fall-back or another value of a parameter, to be done at the interpreter's next occurrence.
+    /// A swap, a start, a fall-back or another value of a parameter, to be done at the
+    /// interpreter's next occurrence.
     waiting: Option<&'m mut Letter<'m>>,
     /// What is answered when the new mission begins.
     answered: Option<&'m mut Letter<'m>>,

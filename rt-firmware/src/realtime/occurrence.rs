@@ -1,11 +1,13 @@
-//! The timer's entry, and an occurrence of a slot from its beginning to its end: the exchange with the body, in the interpreter's slot the macro step, the slot's
-//! tasks, a slot-0 run that has ended or waits, what is counted.
+//! The timer's entry, and an occurrence of a slot from its beginning to its end: the exchange with
+//! the body, in the interpreter's slot the macro step, the slot's tasks, a slot-0 run that has
+//! ended or waits, what is counted.
 //!
-//! At the end of an occurrence the next one is looked up: its start, and the slot's first enabled task. So its first task starts a constant number of instructions
-//! after the timer. What is due, but was not looked up, is the business of [`due`](super::due).
+//! At the end of an occurrence the next one is looked up: its start, and the slot's first enabled
+//! task. So its first task starts a constant number of instructions after the timer. What is due,
+//! but was not looked up, is the business of [`due`](super::due).
 //!
-//! *Invariant:* what was looked up does not change before its time. Nothing but occurrences changes what it depends on; who changes mode or mission besides
-//! [takes it back](RealTime::forget_next).
+//! *Invariant:* what was looked up does not change before its time. Nothing but occurrences changes
+//! what it depends on; who changes mode or mission besides [takes it back](RealTime::forget_next).
 
 use core::sync::atomic::Ordering;
 
@@ -20,10 +22,12 @@ use crate::board::{Board, OccurrenceStart, ticks};
 use crate::features::WARM;
 use esm_link::message::{Mode, SafeReason};
 
-/// How long occurrences may follow one another, each looked up after the one before, without a look at the whole clock.
+/// How long occurrences may follow one another, each looked up after the one before, without a look
+/// at the whole clock.
 const LOOK_US: u32 = 100_000;
 
-/// The next occurrence, where it was looked up after the one before. It never is one of the interpreter's, which begins with a macro step.
+/// The next occurrence, where it was looked up after the one before. It never is one of the
+/// interpreter's, which begins with a macro step.
 #[derive(Clone, Copy)]
 pub(super) struct Next {
     /// Nominal start on the board's clock, low half.
@@ -44,10 +48,12 @@ impl Next {
     };
 }
 
-/// For how long an occurrence is on time, where this is the shortest period of all slots. What begins later than that may have been missed.
+/// For how long an occurrence is on time, where this is the shortest period of all slots. What
+/// begins later than that may have been missed.
 #[cfg_attr(feature = "speed", inline(always))]
 fn mission_window<B: Board>(shortest_period_us: u32) -> u32 {
-    /// Less than half a round of the clock, so that one that has gone half around is not taken for one that is late.
+    /// Less than half a round of the clock, so that one that has gone half around is not taken for
+    /// one that is late.
     const LONGEST_WINDOW_US: u32 = i32::MAX as u32 / u16::MAX as u32;
     shortest_period_us.min(LONGEST_WINDOW_US) * B::TICKS_PER_US
 }
@@ -63,8 +69,9 @@ pub(super) struct Occurrence {
 }
 
 impl RealTime<'_, '_> {
-    /// Executes all that is due, and returns when to be called again, in ticks of the board's clock. To be called from the slot timer's
-    /// interrupt, first at any time. Being called early does no harm.
+    /// Executes all that is due, and returns when to be called again, in ticks of the board's
+    /// clock. To be called from the slot timer's interrupt, first at any time. Being called early
+    /// does no harm.
     #[cfg_attr(feature = "speed", inline(always))]
     pub fn on_timer<B: Board>(&mut self, board: &mut B) -> u64 {
         // Nothing comes before this: it is what the delay of a slot is made of.
@@ -149,7 +156,8 @@ impl RealTime<'_, '_> {
         self.go_on(board, true)
     }
 
-    /// Puts the robot into its safe state if a task wants that: after all tasks of the slot, so that none of them writes the motors any more.
+    /// Puts the robot into its safe state if a task wants that: after all tasks of the slot, so
+    /// that none of them writes the motors any more.
     #[cfg_attr(feature = "speed", inline(always))]
     fn look_for_failure<B: Board>(&mut self, board: &mut B) {
         if let Some(reason) = self.failure.take() {
@@ -166,8 +174,9 @@ impl RealTime<'_, '_> {
         }
     }
 
-    /// Looks up the next occurrence after one that was on time, and returns its start, which is when to be called again. `None` if it is due already or far away, or if there is something else to do first: a letter waits, or the whole
-    /// clock was not looked at for long.
+    /// Looks up the next occurrence after one that was on time, and returns its start, which is
+    /// when to be called again. `None` if it is due already or far away, or if there is something
+    /// else to do first: a letter waits, or the whole clock was not looked at for long.
     #[cfg_attr(feature = "speed", inline(always))]
     fn look_up_next<B: Board>(
         &mut self,
@@ -194,8 +203,8 @@ impl RealTime<'_, '_> {
             .then_some(start_ticks)
     }
 
-    /// Looks up the dispatcher's next occurrence. Its start is near, so that the low half of the clock tells whether it is due. False if it may be the first of another
-    /// mission.
+    /// Looks up the dispatcher's next occurrence. Its start is near, so that the low half of the
+    /// clock tells whether it is due. False if it may be the first of another mission.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn look_up<B: Board>(
         &mut self,

@@ -1,7 +1,9 @@
 //! Values of parameters that a host changed while the mission runs.
 //!
-//! The mission's own values stand in its blob, which nobody writes. Beside it is kept what differs: so a mission that starts, or starts anew, has the values of its
-//! blob again, but for values that were saved for it. A parameter belongs to a task state of a container, so that a value is that of all its instances at once.
+//! The mission's own values stand in its blob, which nobody writes. Beside it is kept what differs:
+//! so a mission that starts, or starts anew, has the values of its blob again, but for values that
+//! were saved for it. A parameter belongs to a task state of a container, so that a value is that
+//! of all its instances at once.
 
 use esm_core::tables::Tables;
 
@@ -13,7 +15,8 @@ use esm_link::message::LinkError;
 /// How many parameters of a mission can differ from its blob at the same time.
 pub const MAX_CHANGED: usize = if PARAMS { 8 } else { 0 };
 
-/// A place that no value is in. No parameter has this index, since a table has less than 65,535 records.
+/// A place that no value is in. No parameter has this index, since a table has less than 65,535
+/// records.
 const FREE: u16 = u16::MAX;
 
 /// The parameters that differ from the mission's.
@@ -57,7 +60,8 @@ impl LiveParams {
         }
     }
 
-    /// Changes a parameter; with the value that the mission gives it, it differs no more. Nothing happens where there is no [room](Self::has_room).
+    /// Changes a parameter; with the value that the mission gives it, it differs no more. Nothing
+    /// happens where there is no [room](Self::has_room).
     pub(crate) fn set(&mut self, param: u16, value: u32, of_mission: u32) {
         let Some(place) = self.place(param) else {
             return;
@@ -77,7 +81,8 @@ impl LiveParams {
         at(param).or_else(|| at(FREE))
     }
 
-    /// Puts the values that differ in the places of the mission's: `values` are those of a task, the first of which has the index `first`.
+    /// Puts the values that differ in the places of the mission's: `values` are those of a task,
+    /// the first of which has the index `first`.
     pub(crate) fn put_into(&self, values: &mut [u32], first: u16) {
         if !self.any {
             return;
@@ -115,7 +120,8 @@ impl SavedParams {
         SavedParams { mission, values }
     }
 
-    /// Takes the place of these values. Part by part: where whole ones might overlap, a library routine would copy them, which takes a kilobyte and a half of flash.
+    /// Takes the place of these values. Part by part: where whole ones might overlap, a library
+    /// routine would copy them, which takes a kilobyte and a half of flash.
     pub(crate) fn become_those(&mut self, others: &SavedParams) {
         self.mission = others.mission;
         let (values, others) = (&mut self.values, &others.values);
@@ -137,7 +143,8 @@ impl SavedParams {
         self.values.len()
     }
 
-    /// As bytes: the mission's hash, then of each value the parameter's index (two bytes) and its bits (four), all little endian. No bytes where there is no value.
+    /// As bytes: the mission's hash, then of each value the parameter's index (two bytes) and its
+    /// bits (four), all little endian. No bytes where there is no value.
     pub fn put_into<'r>(&self, room: &'r mut [u8; Self::MAX_BYTES]) -> &'r [u8] {
         let (hash, places) = room.split_at_mut(HASH_BYTES);
         hash.copy_from_slice(&self.mission.to_le_bytes());
@@ -180,7 +187,8 @@ const HASH_BYTES: usize = size_of::<u32>();
 /// Index and bits.
 const VALUE_BYTES: usize = size_of::<u16>() + size_of::<u32>();
 
-/// Gives a mission that starts the values that were saved for it, as far as the firmware's tasks take them: it may be another firmware than the one that saved them.
+/// Gives a mission that starts the values that were saved for it, as far as the firmware's tasks
+/// take them: it may be another firmware than the one that saved them.
 // Not inlined: it is seldom that there are some.
 #[inline(never)]
 pub(crate) fn restore(
@@ -220,7 +228,8 @@ pub(crate) fn declared(
 /// Whether a value, given by its bits, is one that the task takes.
 ///
 /// # Errors
-/// [`LinkError::ParamNoValue`] for bits that are no value of the type, NaN and the infinities among them; [`LinkError::ParamOutside`].
+/// [`LinkError::ParamNoValue`] for bits that are no value of the type, NaN and the infinities among
+/// them; [`LinkError::ParamOutside`].
 pub(crate) fn check(declared: &ParamDeclaration, bits: u32) -> Result<(), LinkError> {
     let is_value = match declared.kind {
         ParamKind::Bool => bits <= 1,

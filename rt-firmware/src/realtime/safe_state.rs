@@ -1,6 +1,8 @@
-//! Motors off: the host's stop, the emergency stop, and the safe state that the robot goes to by itself.
+//! Motors off: the host's stop, the emergency stop, and the safe state that the robot goes to by
+//! itself.
 //!
-//! *Invariant:* what is latched ends by what the host says alone, and the reason for which a robot stopped first stays.
+//! *Invariant:* what is latched ends by what the host says alone, and the reason for which a robot
+//! stopped first stays.
 
 use core::sync::atomic::Ordering;
 
@@ -49,7 +51,8 @@ impl RealTime<'_, '_> {
         self.signs.stops.is_called() || board.is_emergency_stop_pressed()
     }
 
-    /// Stops the robot if somebody wants that: by its button, or by the link's line. To be called before each exchange with the body.
+    /// Stops the robot if somebody wants that: by its button, or by the link's line. To be called
+    /// before each exchange with the body.
     #[inline(never)]
     pub(super) fn look_for_stops<B: Board>(&mut self, board: &mut B) {
         let is_called = self.signs.stops.is_called();
@@ -66,7 +69,8 @@ impl RealTime<'_, '_> {
         }
     }
 
-    /// Stops the robot if that was wished for since it stopped the last time. What is under way and older does not start it.
+    /// Stops the robot if that was wished for since it stopped the last time. What is under way and
+    /// older does not start it.
     #[cold]
     #[inline(never)]
     fn stop_as_wished<B: Board>(&mut self, board: &mut B) {
@@ -130,7 +134,8 @@ impl RealTime<'_, '_> {
     }
 }
 
-/// Whether somebody presses the emergency stop: asked here where an instruction more does not matter, so that the code for it is not there again and again.
+/// Whether somebody presses the emergency stop: asked here where an instruction more does not
+/// matter, so that the code for it is not there again and again.
 #[inline(never)]
 pub(super) fn is_stop_pressed<B: Board>(board: &mut B) -> bool {
     board.is_emergency_stop_pressed()

@@ -1,4 +1,5 @@
-//! Signs of life: the watchdog is fed while all show some who should, and the mission knows for how long the host has shown none.
+//! Signs of life: the watchdog is fed while all show some who should, and the mission knows for how
+//! long the host has shown none.
 
 use core::sync::atomic::Ordering;
 

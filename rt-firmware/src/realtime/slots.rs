@@ -9,12 +9,15 @@ const FIRST_BUCKET_BITS: u32 = 4;
 /// Bits by which each further bucket reaches farther than the one before: four times as far.
 const BUCKET_BITS: u32 = 2;
 
-/// What is kept for a slot. Times in ticks of the board's clock. Counters stay at their greatest value once they are there.
+/// What is kept for a slot. Times in ticks of the board's clock. Counters stay at their greatest
+/// value once they are there.
 ///
-/// Most executions begin and last within what was seen already. These cost a few additions and comparisons; what is out of the ordinary is worked out elsewhere.
+/// Most executions begin and last within what was seen already. These cost a few additions and
+/// comparisons; what is out of the ordinary is worked out elsewhere.
 ///
-/// There is one of these for each slot that a mission may have, so it is narrow. The mean is divided out when somebody asks. A bucket has 16
-/// bits; as long as no second one is full, the count of the fullest follows from the number of executions.
+/// There is one of these for each slot that a mission may have, so it is narrow. The mean is
+/// divided out when somebody asks. A bucket has 16 bits; as long as no second one is full, the
+/// count of the fullest follows from the number of executions.
 #[derive(Clone, Copy, Debug)]
 pub struct SlotEntry {
     /// The first task instance of the slot that is enabled, or [`NONE`].
@@ -30,7 +33,8 @@ pub struct SlotEntry {
     max_execution_ticks: u32,
     /// Executions that ended, overruns included.
     executed: u32,
-    /// Sum of the executions, 48 bits: the low word and the rest. At 50 MHz that is 65 days of nothing but executions.
+    /// Sum of the executions, 48 bits: the low word and the rest. At 50 MHz that is 65 days of
+    /// nothing but executions.
     total_execution_low: u32,
     total_execution_high: u16,
     overruns: u16,
@@ -61,7 +65,8 @@ impl SlotEntry {
         was_executed: false,
     };
 
-    /// The place of a slot before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so that a static of it takes no flash.
+    /// The place of a slot before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so
+    /// that a static of it takes no flash.
     pub(crate) const UNUSED: SlotEntry = SlotEntry {
         min_delay_ticks: 0,
         min_execution_ticks: 0,
@@ -104,7 +109,8 @@ impl SlotEntry {
         self.first_enabled = instance;
     }
 
-    /// Puts a task instance before the first one, and gives the one that was the first, or [`NONE`].
+    /// Puts a task instance before the first one, and gives the one that was the first, or
+    /// [`NONE`].
     pub(crate) fn put_first(&mut self, instance: u16) -> u16 {
         core::mem::replace(&mut self.first_task, instance)
     }
@@ -204,7 +210,8 @@ impl SlotEntry {
     }
 }
 
-/// The bucket that counts a start delay: the position of its highest bit says which, without a search.
+/// The bucket that counts a start delay: the position of its highest bit says which, without a
+/// search.
 #[cfg_attr(feature = "speed", inline(always))]
 fn bucket(delay_ticks: u32) -> usize {
     let bits = u32::BITS - (delay_ticks >> FIRST_BUCKET_BITS).leading_zeros();

@@ -1,5 +1,5 @@
-//! The record of each task instance of a mission: all that its executions need, bound when the mission is staged; whether it waits to be
-//! entered; and who holds its `exclusive` group.
+//! The record of each task instance of a mission: all that its executions need, bound when the
+//! mission is staged; whether it waits to be entered; and who holds its `exclusive` group.
 
 use esm_core::tables::{Tables, TaskPlaces};
 
@@ -74,7 +74,8 @@ impl TaskEntry {
         is_busy: false,
     };
 
-    /// The place of a task before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so that a static of it takes no flash.
+    /// The place of a task before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so
+    /// that a static of it takes no flash.
     pub(crate) const UNUSED: TaskEntry = TaskEntry {
         next_in_slot: 0,
         slot: 0,
@@ -95,7 +96,8 @@ impl Group {
     /// A group that nobody holds.
     pub const FREE: Group = Group { holder: NONE };
 
-    /// The place of a group before any mission, which makes it [`FREE`](Self::FREE). All zeros, so that a static of it takes no flash.
+    /// The place of a group before any mission, which makes it [`FREE`](Self::FREE). All zeros, so
+    /// that a static of it takes no flash.
     pub(crate) const UNUSED: Group = Group { holder: 0 };
 }
 
@@ -105,11 +107,13 @@ pub(crate) struct TaskTable<'m> {
     pub(crate) lists: Lists<'m>,
     pub(super) groups: &'m mut [Group],
     next_order: u32,
-    /// Whether something has changed since slot-0 tasks were looked at, so that one may start that could not.
+    /// Whether something has changed since slot-0 tasks were looked at, so that one may start that
+    /// could not.
     look_for_jobs: bool,
 }
 
-/// Makes the lists of a mission that was [checked](crate::check), before its first macro step: gives each task instance a task, in instance order, and links those of each slot.
+/// Makes the lists of a mission that was [checked](crate::check), before its first macro step:
+/// gives each task instance a task, in instance order, and links those of each slot.
 pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut Lists<'_>) {
     let Lists {
         tasks,
@@ -180,7 +184,8 @@ pub(crate) fn prepare_again(lists: &mut Lists<'_>) {
     }
 }
 
-/// The tasks of a mission that has ended which do not go on. Those that served nobody have nothing to forget.
+/// The tasks of a mission that has ended which do not go on. Those that served nobody have nothing
+/// to forget.
 pub(crate) fn left_behind(entries: &[TaskEntry]) -> impl Iterator<Item = TaskPlace> {
     entries
         .iter()
@@ -192,7 +197,8 @@ pub(crate) fn left_behind(entries: &[TaskEntry]) -> impl Iterator<Item = TaskPla
 fn free_place(entries: &[TaskEntry], bank: u8) -> TaskPlace {
     let mut first = 0;
     loop {
-        // As many at a time as a word has bits, so that as a rule one look at the instances is enough.
+        // As many at a time as a word has bits, so that as a rule one look at the instances is
+        // enough.
         let mut taken: u32 = 0;
         for entry in entries {
             if entry.place.bank == bank {
@@ -226,7 +232,8 @@ impl<'m> TaskTable<'m> {
         core::mem::replace(&mut self.lists, lists)
     }
 
-    /// The tasks that served the mission before, whose entries are `before`, serve this one and go on as they are: pairs of task instances, here and there. Enabled are those of which
+    /// The tasks that served the mission before, whose entries are `before`, serve this one and go
+    /// on as they are: pairs of task instances, here and there. Enabled are those of which
     /// `is_enabled` says so; but a run in slot 0 begins anew.
     pub(crate) fn go_on(
         &mut self,
@@ -351,8 +358,8 @@ impl<'m> TaskTable<'m> {
         self.look_for_jobs
     }
 
-    /// All slot-0 tasks were looked at: nothing changes for them until one of these tasks is enabled or disabled, or somebody
-    /// [says so](Self::look_again).
+    /// All slot-0 tasks were looked at: nothing changes for them until one of these tasks is
+    /// enabled or disabled, or somebody [says so](Self::look_again).
     pub(crate) fn looked(&mut self) {
         self.look_for_jobs = false;
     }
@@ -412,7 +419,8 @@ impl<'m> TaskTable<'m> {
             .map_or(NONE, |(_, instance)| instance);
     }
 
-    /// The run of a slot-0 task ended, and its next activation waits behind those that wait already.
+    /// The run of a slot-0 task ended, and its next activation waits behind those that wait
+    /// already.
     pub(crate) fn requeue(&mut self, instance: u16) {
         self.look_for_jobs = true;
         if let Some(entry) = self.lists.tasks.get_mut(usize::from(instance)) {

@@ -12,15 +12,16 @@ use crate::ring::RingWriter;
 use esm_link::black_box::Event;
 use esm_link::trace::{FaultCode, TraceRecord, write_step};
 
-/// Room that transitions and steps leave to records that come seldom and must not be lost: a machine that goes wild fills the ring with
-/// transitions before its fault is known.
+/// Room that transitions and steps leave to records that come seldom and must not be lost: a
+/// machine that goes wild fills the ring with transitions before its fault is known.
 const RESERVED_BYTES: usize = 48;
 
 /// Writes trace records, if somebody wants them.
 pub(crate) struct Trace<'m> {
     ring: RingWriter<'m>,
     wanted: &'m AtomicBool,
-    /// The reader does not know the states and enabled tasks as they are, or the next step's number: it is written in full.
+    /// The reader does not know the states and enabled tasks as they are, or the next step's
+    /// number: it is written in full.
     stale: bool,
 }
 
@@ -33,8 +34,8 @@ impl<'m> Trace<'m> {
         }
     }
 
-    /// The reader cannot tell the next step from the one before: something outside of macro steps changed which tasks are enabled, or macro
-    /// steps were left out.
+    /// The reader cannot tell the next step from the one before: something outside of macro steps
+    /// changed which tasks are enabled, or macro steps were left out.
     pub(crate) fn write_next_in_full(&mut self) {
         self.stale = true;
     }
@@ -118,7 +119,8 @@ impl<F: Fn(usize) -> usize> Iterator for ActiveStates<'_, F> {
     }
 }
 
-/// Watches a macro step: keeps the task table up to date and writes transitions, to the trace and the flight recorder.
+/// Watches a macro step: keeps the task table up to date and writes transitions, to the trace and
+/// the flight recorder.
 pub(crate) struct StepObserver<'o, 'm> {
     pub(crate) tasks: &'o mut TaskTable<'m>,
     pub(crate) trace: &'o mut Trace<'m>,

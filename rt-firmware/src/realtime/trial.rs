@@ -1,4 +1,5 @@
-//! A mission on trial: it stays if it is confirmed in time. If it is not, fails, or somebody asks for it, the robot goes back to the mission before, which is whole as long as the trial lasts.
+//! A mission on trial: it stays if it is confirmed in time. If it is not, fails, or somebody asks
+//! for it, the robot goes back to the mission before, which is whole as long as the trial lasts.
 
 use super::RealTime;
 use super::mission::Origin;
@@ -91,8 +92,9 @@ impl<'m> RealTime<'_, 'm> {
     }
 }
 
-/// Whether what led to the safe state is the doing of the mission that runs, so that the one before would do without. A battery that is low or a body that is lost would be
-/// so with any mission, and motors must not start again for it.
+/// Whether what led to the safe state is the doing of the mission that runs, so that the one before
+/// would do without. A battery that is low or a body that is lost would be so with any mission, and
+/// motors must not start again for it.
 pub(super) fn is_the_missions_fault(reason: SafeReason) -> bool {
     matches!(
         reason,

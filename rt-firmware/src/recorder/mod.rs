@@ -1,7 +1,9 @@
-//! The recorder: writes what enters the interpreter, if somebody wants it, for the link to [send](esm_link::recording).
+//! The recorder: writes what enters the interpreter, if somebody wants it, for the link to
+//! [send](esm_link::recording).
 //!
-//! It has two sides, as everything between real-time side and link: [`Recorder`] writes, [`RecordReader`] reads and says whether anything is wanted. Without the feature `record` both are there, take
-//! neither flash nor memory, and a recording is refused.
+//! It has two sides, as everything between real-time side and link: [`Recorder`] writes,
+//! [`RecordReader`] reads and says whether anything is wanted. Without the feature `record` both
+//! are there, take neither flash nor memory, and a recording is refused.
 
 #[cfg(not(feature = "record"))]
 mod off;

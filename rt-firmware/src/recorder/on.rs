@@ -1,6 +1,7 @@
 //! A firmware that records.
 //!
-//! It sees only what differs: flags and enable bits before a macro step, against those after the one before. So whatever part of the runtime writes a flag, it is recorded.
+//! It sees only what differs: flags and enable bits before a macro step, against those after the
+//! one before. So whatever part of the runtime writes a flag, it is recorded.
 
 use core::ops::Deref;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -14,7 +15,8 @@ use esm_link::recording::{
     write_started, write_state,
 };
 
-/// Subscriptions are numbered in the low half of a word; in the high half, how often one came after a time in which nothing was wanted.
+/// Subscriptions are numbered in the low half of a word; in the high half, how often one came after
+/// a time in which nothing was wanted.
 const PAUSE: u32 = 1 << 16;
 
 /// Memory of a recorder for machines of up to so many words: ten bytes for each.
@@ -137,7 +139,8 @@ impl Recorder<'_> {
         self.begun == self.asked.load(Ordering::Relaxed)
     }
 
-    /// Whether the reader knows all that was before. One that asked anew does so until that was written, too, if it finds no room at once.
+    /// Whether the reader knows all that was before. One that asked anew does so until that was
+    /// written, too, if it finds no room at once.
     fn is_known(&self) -> bool {
         let asked = self.asked.load(Ordering::Relaxed);
         self.begun != 0 && self.begun / PAUSE == asked / PAUSE
@@ -150,7 +153,8 @@ impl Recorder<'_> {
             return;
         }
         if warm {
-            // All that it is then is written before its first macro step; the end of the mission before belongs to what came so far.
+            // All that it is then is written before its first macro step; the end of the mission
+            // before belongs to what came so far.
             let quiet = self.quiet;
             self.takes_over =
                 self.is_known() && self.ring.record(0, |sink| write_quiet(sink, quiet));
@@ -198,7 +202,8 @@ impl Recorder<'_> {
         }
     }
 
-    /// Writes what changed since the last macro step, or all that there is if the reader does not know that one.
+    /// Writes what changed since the last macro step, or all that there is if the reader does not
+    /// know that one.
     #[inline(never)]
     fn write_inputs<B: Deref<Target = [u8]>>(&mut self, interpreter: &Interpreter<'_, B>) {
         if !self.is_in_step() && (self.begin_anew(interpreter) || !self.is_known()) {
@@ -337,7 +342,8 @@ mod tests {
         (seen.0, machine.enabled_words().to_vec())
     }
 
-    /// Runs what the records tell. Answers how many macro steps that were, and in how many stretches.
+    /// Runs what the records tell. Answers how many macro steps that were, and in how many
+    /// stretches.
     fn replayed(records: &[u8], robot: &[(Vec<TransitionTaken>, Vec<u32>)]) -> (u64, u32) {
         let mut rest = records;
         let mut arena = [0; WORDS];

@@ -1,8 +1,9 @@
-//! The default robot: a round body on two driven wheels, a ring of eight sonars, three sensors that look at
-//! the floor, a battery of two lithium cells.
+//! The default robot: a round body on two driven wheels, a ring of eight sonars, three sensors that
+//! look at the floor, a battery of two lithium cells.
 //!
-//! [`Rover`] is the registry of its tasks, generic over the HAL objects that a board gives it: see [`RoverParts`]. On boards whose pins are a
-//! [`PinImage`](crate::body::PinImage) it is a [`PinRover`]:
+//! [`Rover`] is the registry of its tasks, generic over the HAL objects that a board gives it: see
+//! [`RoverParts`]. On boards whose pins are a [`PinImage`](crate::body::PinImage) it is
+//! a [`PinRover`]:
 //!
 //! ```
 //! use rt_firmware::{assemble, body::PinImage, nets, rover::{PinRover, RoverParts}};
@@ -15,8 +16,9 @@
 //! assert!(registry.declarations().any(|task| task.name == "Cruise"));
 //! ```
 //!
-//! A robot with further tasks has a registry of its own, made of the same tasks and its own ones: [`split_pins`] leaves it the spare pins,
-//! [`RoverParts::into_tasks`] makes the tasks that own the rover's.
+//! A robot with further tasks has a registry of its own, made of the same tasks and its own ones:
+//! [`split_pins`] leaves it the spare pins, [`RoverParts::into_tasks`] makes the tasks that own the
+//! rover's.
 
 use core::array;
 use core::f32::consts::TAU;
@@ -41,9 +43,9 @@ use crate::tasks::{
 #[cfg(feature = "all-tasks")]
 use crate::tasks::{Count, DriveDistance, FollowLine, LineMonitor, SlotMonitor};
 
-/// Radius of the wheels, in metres, as they roll: a caliper says 0.033, but a way of ten metres by the tape is 2 % less
-/// than the encoders say with that, for a wheel slips a little on any floor. The book's chapter on a robot of one's own says
-/// how this and [`CHASSIS`] are measured.
+/// Radius of the wheels, in metres, as they roll: a caliper says 0.033, but a way of ten metres by
+/// the tape is 2 % less than the encoders say with that, for a wheel slips a little on any floor.
+/// The book's chapter on a robot of one's own says how this and [`CHASSIS`] are measured.
 pub const WHEEL_RADIUS_M: f32 = 0.0323;
 
 /// Encoder counts in one turn of a wheel.
@@ -57,7 +59,8 @@ pub const FLOOR_COUNTS: u16 = 500;
 /// See [`FLOOR_COUNTS`].
 pub const LINE_COUNTS: u16 = 3_300;
 
-/// The rover's measures. The distance between the wheels is what makes ten turns on the spot ten turns by the encoders.
+/// The rover's measures. The distance between the wheels is what makes ten turns on the spot ten
+/// turns by the encoders.
 pub const CHASSIS: Chassis = Chassis {
     wheel_base_m: 0.2015,
     metres_per_count: TAU * WHEEL_RADIUS_M / COUNTS_PER_REVOLUTION,
@@ -65,8 +68,9 @@ pub const CHASSIS: Chassis = Chassis {
     friction_power: 0.05,
 };
 
-/// The HAL objects that the rover's drivers are built on: motors (PWM, direction; high is backwards), encoders, sonars (trigger, echo
-/// timer; counter-clockwise from the one that looks ahead), battery input, line sensors (left, middle, right).
+/// The HAL objects that the rover's drivers are built on: motors (PWM, direction; high is
+/// backwards), encoders, sonars (trigger, echo timer; counter-clockwise from the one that looks
+/// ahead), battery input, line sensors (left, middle, right).
 #[derive(Debug)]
 pub struct RoverParts<LP, LD, RP, RD, LE, RE, T, E, A> {
     /// PWM of the left motor.
@@ -117,7 +121,8 @@ pub type PinRover<'a> = Rover<
     AnalogChannel<'a>,
 >;
 
-/// The pins of a [`PinImage`](crate::body::PinImage) that the rover leaves to the user's own drivers.
+/// The pins of a [`PinImage`](crate::body::PinImage) that the rover leaves to the user's own
+/// drivers.
 #[derive(Debug)]
 pub struct SparePins<'a> {
     /// Analogue inputs 1 to 3; input 0 is the battery, 4 to 6 look at the floor.

@@ -1,10 +1,12 @@
 //! How often a flash may be erased: nobody wears it out by asking.
 //!
-//! What erases is paid for from an allowance, which fills up with time. There is one each for what wears other parts of the flash, or is asked for by others, so that none
-//! is used up by another. An emergency stop costs nothing: each release that is kept has paid for the stop that follows it.
+//! What erases is paid for from an allowance, which fills up with time. There is one each for what
+//! wears other parts of the flash, or is asked for by others, so that none is used up by another.
+//! An emergency stop costs nothing: each release that is kept has paid for the stop that follows
+//! it.
 //!
-//! What is left survives a reset in retained RAM, so that nobody gets a full allowance by forcing resets. It is full
-//! when power comes.
+//! What is left survives a reset in retained RAM, so that nobody gets a full allowance by forcing
+//! resets. It is full when power comes.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
@@ -17,12 +19,14 @@ pub struct Allowance {
     pub per_hour: u32,
 }
 
-/// Missions that are uploaded, and the counters of those that are signed: a signed one takes two. Each erases one slot of two.
+/// Missions that are uploaded, and the counters of those that are signed: a signed one takes two.
+/// Each erases one slot of two.
 pub const UPLOADS: Allowance = Allowance {
     burst: 250,
     per_hour: 30,
 };
-/// Saved parameters, and releases of an emergency stop, which take two. Each erases both areas of the records.
+/// Saved parameters, and releases of an emergency stop, which take two. Each erases both areas of
+/// the records.
 pub const RECORDS: Allowance = Allowance {
     burst: 30,
     per_hour: 6,

@@ -1,12 +1,17 @@
-//! What becomes of a robot's key and of its emergency stop, whatever is damaged of records and journal.
+//! What becomes of a robot's key and of its emergency stop, whatever is damaged of records and
+//! journal.
 //!
-//! The invariants: a robot that had a key lets nobody in without it, one whose emergency stop was latched is stopped, and damage is told. The owner of the key gets in as long as the
-//! key is known for certain, and no key of an earlier owner is taken for it.
+//! The invariants: a robot that had a key lets nobody in without it, one whose emergency stop was
+//! latched is stopped, and damage is told. The owner of the key gets in as long as the key is known
+//! for certain, and no key of an earlier owner is taken for it.
 //!
-//! What a start makes of a flash depends on each place of it (a block of an area, or a copy of an entry) by its kind alone: as written, blank, or neither. So all patterns of up to four
-//! bits are: within a place, that no such pattern makes something of it that counts; and over places, each choice of up to four that are neither.
+//! What a start makes of a flash depends on each place of it (a block of an area, or a copy of an
+//! entry) by its kind alone: as written, blank, or neither. So all patterns of up to four bits are:
+//! within a place, that no such pattern makes something of it that counts; and over places, each
+//! choice of up to four that are neither.
 //!
-//! `ESM_RECORD_DAMAGES=full` before the tests of this module tries all of them, and a million of random flashes.
+//! `ESM_RECORD_DAMAGES=full` before the tests of this module tries all of them, and a million of
+//! random flashes.
 
 use std::cell::RefCell;
 use std::collections::HashSet;
@@ -97,7 +102,8 @@ fn with_keep<T>(chip: &Chip, act: impl FnOnce(&mut Keep<'_, Chip>) -> T) -> T {
     act(&mut keep)
 }
 
-/// A robot that was sold once, has a key now, and was stopped for an emergency; then other records were kept `more` times.
+/// A robot that was sold once, has a key now, and was stopped for an emergency; then other records
+/// were kept `more` times.
 fn owned_and_stopped(more: u32) -> Chip {
     let chip = Chip::of(&vec![0xFF; END]);
     with_keep(&chip, |keep| {
@@ -155,7 +161,8 @@ fn start(cells: &[u8]) -> Found {
     })
 }
 
-/// Holds the invariants against what a start makes of the damaged flash of a robot with a key that was stopped.
+/// Holds the invariants against what a start makes of the damaged flash of a robot with a key that
+/// was stopped.
 fn judge(cells: &[u8], what: &dyn Fn() -> String) -> Result<(), Broken> {
     judge_any(cells, true, what)
 }
@@ -234,7 +241,8 @@ impl Size {
     }
 }
 
-/// Within a place: no change of up to four bits makes a whole header or copy of one, nor a word of another.
+/// Within a place: no change of up to four bits makes a whole header or copy of one, nor a word of
+/// another.
 fn no_pattern_of_four_bits_makes_a_place_count() -> Result<(), Broken> {
     let words = [BLANK, HEADED, SEALED, TRIED, NOTE];
     for (at, word) in words.iter().enumerate() {
@@ -248,7 +256,8 @@ fn no_pattern_of_four_bits_makes_a_place_count() -> Result<(), Broken> {
             }
         }
     }
-    // A checksum is linear: what it makes of a change is the sum of what it makes of each bit. So all sums of up to four must differ from nothing.
+    // A checksum is linear: what it makes of a change is the sum of what it makes of each bit. So
+    // all sums of up to four must differ from nothing.
     let cells = owned_and_stopped(2).cells();
     let header = &cells[FIRST + HEAD_BYTES as usize - BLOCK_BYTES..][..BLOCK_BYTES];
     let copy = &cells[JOURNAL..][..COPY_BYTES];
@@ -398,7 +407,8 @@ fn put_back() -> Result<(), Broken> {
         before.push(vec![0xFF; END]);
         before.push(vec![0; END]);
         for (number, old) in before.iter().enumerate() {
-            // Each area is as now, as then, or erased; and so is the journal, unless all of it is of then.
+            // Each area is as now, as then, or erased; and so is the journal, unless all of it is
+            // of then.
             for choice in 0..3_usize.pow(3) {
                 let digits = [choice % 3, choice / 3 % 3, choice / 9];
                 let mut cells = now.clone();
@@ -412,7 +422,8 @@ fn put_back() -> Result<(), Broken> {
                         _ => cells[part.clone()].fill(0xFF),
                     }
                 }
-                // With the journal of then, or with all of it erased, it is the robot of then, or a new one.
+                // With the journal of then, or with all of it erased, it is the robot of then, or a
+                // new one.
                 let is_then = digits[2] == 1 || digits == [2, 2, 2];
                 let is_new = cells[FIRST..].iter().all(|byte| *byte == 0xFF);
                 if is_then || is_new || cells == now {
@@ -447,7 +458,8 @@ fn random(size: Size) -> Result<(), Broken> {
     for number in 0..size.images as usize {
         let mut cells = histories[number % histories.len()].clone();
         let region = regions[number / 4 % regions.len()].clone();
-        // Noise, noise of few zeros or few ones, blocks of noise, and what was written with noise over it.
+        // Noise, noise of few zeros or few ones, blocks of noise, and what was written with noise
+        // over it.
         let density = number / 20 % 5;
         for at in region {
             let noise = random.next();
@@ -535,7 +547,8 @@ fn in_by_the_key() -> Result<(), Broken> {
     }
 }
 
-/// A chip that never had records, with some bits that changed by themselves, takes them, and tells of the bits.
+/// A chip that never had records, with some bits that changed by themselves, takes them, and tells
+/// of the bits.
 fn new_chips(size: Size) -> Result<(), Broken> {
     let mut random = Random(0xD1B5_4A32_D192_ED03);
     for number in 0..size.samples / 4 {

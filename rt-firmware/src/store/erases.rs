@@ -72,7 +72,8 @@ fn nobody_wears_it_out() -> Result<(), Broken> {
         if asked > allowed + 2 || asked + 4 < allowed {
             return Err(format!("{what}: {asked} were kept, {allowed} are allowed"));
         }
-        // The counters tell what the chip has seen: areas and slots are two units each, halves of the journal one for each five entries.
+        // The counters tell what the chip has seen: areas and slots are two units each, halves of
+        // the journal one for each five entries.
         let seen = flash.borrow().erases - before;
         let told = 2 * (health.record_erases + health.mission_erases);
         if told > seen || seen > told + told / 20 + 4 {
@@ -97,8 +98,8 @@ fn nobody_wears_it_out() -> Result<(), Broken> {
     Ok(())
 }
 
-/// Each of these asks as often as it can, forces a reset, and goes on: for as much time as the robot is on, it
-/// gets no more than without resets. When power comes, the allowance is full.
+/// Each of these asks as often as it can, forces a reset, and goes on: for as much time as the
+/// robot is on, it gets no more than without resets. When power comes, the allowance is full.
 fn resets_bring_nothing() -> Result<(), Broken> {
     const RESETS: u32 = 50;
     const SECONDS: u32 = 60;
@@ -223,7 +224,8 @@ fn a_release_is_kept_later() -> Result<(), Broken> {
     Ok(())
 }
 
-/// Twenty uploads in a row pass, signed or not, with a saved parameter each; and after a refusal the time that was told is enough.
+/// Twenty uploads in a row pass, signed or not, with a saved parameter each; and after a refusal
+/// the time that was told is enough.
 fn ordinary_use_passes() -> Result<(), Broken> {
     let flash = blank(Rewrite::Refuse);
     with_keep(&flash, None, |keep| {

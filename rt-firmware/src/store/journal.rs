@@ -1,11 +1,15 @@
-//! The journal of the records: what says that a robot has records although none of them can be read.
+//! The journal of the records: what says that a robot has records although none of them can be
+//! read.
 //!
-//! It lies behind the two areas of the [records](super::records), in erase units of its own, in two halves. An entry is added each time that records are kept, behind all that were there, and is
-//! never changed. Only when a half is full the other one is erased, never the one with the newest entry. So from the first record on there is always an entry.
+//! It lies behind the two areas of the [records](super::records), in erase units of its own, in two
+//! halves. An entry is added each time that records are kept, behind all that were there, and is
+//! never changed. Only when a half is full the other one is erased, never the one with the newest
+//! entry. So from the first record on there is always an entry.
 //!
 //! # An entry
-//! An entry is there twice, one copy behind the other; the second is begun when the first was read back. So a pair whose second copy is blank was cut, and one of which
-//! neither copy is whole was damaged. A copy is [`COPY_BYTES`], little endian:
+//! An entry is there twice, one copy behind the other; the second is begun when the first was read
+//! back. So a pair whose second copy is blank was cut, and one of which neither copy is whole was
+//! damaged. A copy is [`COPY_BYTES`], little endian:
 //!
 //! | offset | bytes | what |
 //! |---|---|---|
@@ -18,11 +22,13 @@
 //! | 16 | 64 | the key record |
 //! | | 4 | at the end: CRC-32 of all before |
 //!
-//! A checksum of 32 bits finds each pattern of up to four wrong bits in so few bytes. What is read as blank may have up to [`WORN_BITS`] zeros; an entry has many times as many, whatever is in it.
+//! A checksum of 32 bits finds each pattern of up to four wrong bits in so few bytes. What is read
+//! as blank may have up to [`WORN_BITS`] zeros; an entry has many times as many, whatever is in it.
 //!
 //! # What it proves
-//! An area whose sequence number is below the floor is older than what was acknowledged last. A journal in which more was written than the entry before the first table says that there
-//! were records. What it cannot tell is a flash that was put back as it was, journal and all.
+//! An area whose sequence number is below the floor is older than what was acknowledged last. A
+//! journal in which more was written than the entry before the first table says that there were
+//! records. What it cannot tell is a flash that was put back as it was, journal and all.
 
 use embedded_storage::nor_flash::NorFlash;
 
@@ -271,7 +277,8 @@ impl Journal {
         })
     }
 
-    /// The key record that was kept last, an empty one where there was none; nothing where that is not known for certain.
+    /// The key record that was kept last, an empty one where there was none; nothing where that is
+    /// not known for certain.
     pub(super) fn key(&self, flash: &mut impl NorFlash) -> Option<KeyCopy> {
         let last = self.last?;
         last.entry.floor?;

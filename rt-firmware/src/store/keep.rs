@@ -17,16 +17,19 @@ use esm_link::message::{Capacity, FlashHealth, Kept, LinkError, SlotState, Sourc
 /// Room for records: what [`Keep::open`] is to be given.
 pub const RECORD_BYTES: usize = 512;
 
-/// The record of [`SavedParams`]; those before it are [those of the key](esm_link::key_store::KeyRecord).
+/// The record of [`SavedParams`]; those before it are [those of the
+/// key](esm_link::key_store::KeyRecord).
 const SAVED_PARAMS: Key = Key(4);
 
-/// Bytes of flash that a robot's missions of up to `blob_bytes` and its records take, where `erase_bytes` are erased at once.
+/// Bytes of flash that a robot's missions of up to `blob_bytes` and its records take, where
+/// `erase_bytes` are erased at once.
 pub const fn flash_bytes(blob_bytes: u32, erase_bytes: u32) -> u32 {
     2 * (slot_bytes(blob_bytes, erase_bytes) + slot_bytes(RECORD_BYTES as u32, erase_bytes))
         + journal::bytes(erase_bytes)
 }
 
-/// Bytes of flash that a mission, or records, of up to `payload_bytes` take: what is erased for them.
+/// Bytes of flash that a mission, or records, of up to `payload_bytes` take: what is erased for
+/// them.
 pub const fn slot_bytes(payload_bytes: u32, erase_bytes: u32) -> u32 {
     (HEAD_BYTES + payload_bytes).next_multiple_of(erase_bytes)
 }
@@ -119,8 +122,8 @@ impl<'m> Budgets<'m> {
 }
 
 impl<'m, F: NorFlash + Clone> Keep<'m, F> {
-    /// Opens missions and records of a flash: from its first byte on two slots for missions of up to `blob_bytes`, then the records, for whose table `room` is:
-    /// [`RECORD_BYTES`].
+    /// Opens missions and records of a flash: from its first byte on two slots for missions of up
+    /// to `blob_bytes`, then the records, for whose table `room` is: [`RECORD_BYTES`].
     ///
     /// # Errors
     /// They do not fit the flash.
@@ -149,8 +152,8 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         })
     }
 
-    /// Lets a reset leave the allowances for erases as they were: a board with retained RAM calls this before
-    /// anything is kept.
+    /// Lets a reset leave the allowances for erases as they were: a board with retained RAM calls
+    /// this before anything is kept.
     #[must_use]
     pub fn over_resets(mut self, retained: &'m RetainedRam) -> Self {
         let [uploads, records, keys] = retained.allowances();
@@ -165,7 +168,8 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         &mut self.records
     }
 
-    /// Reads what belongs to the robot's key, as [`KeyStore::read`](esm_link::key_store::KeyStore::read) does.
+    /// Reads what belongs to the robot's key, as
+    /// [`KeyStore::read`](esm_link::key_store::KeyStore::read) does.
     ///
     /// # Errors
     /// [`NotKept`]: there is damage, or the record has no room.
@@ -173,7 +177,8 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         self.records.read_of_key(record, room)
     }
 
-    /// Keeps what belongs to the robot's key, as [`KeyStore::write`](esm_link::key_store::KeyStore::write) does.
+    /// Keeps what belongs to the robot's key, as
+    /// [`KeyStore::write`](esm_link::key_store::KeyStore::write) does.
     ///
     /// # Errors
     /// [`WriteError`]
@@ -192,7 +197,8 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         Ok(self.records.write_of_key(record, bytes)?)
     }
 
-    /// The key record that was kept last, where the records are damaged, as [`KeyStore::remembered_key`](esm_link::key_store::KeyStore::remembered_key) reads it.
+    /// The key record that was kept last, where the records are damaged, as
+    /// [`KeyStore::remembered_key`](esm_link::key_store::KeyStore::remembered_key) reads it.
     ///
     /// # Errors
     /// [`NotKept`]: it is not known, or has no room.
@@ -200,7 +206,8 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         self.records.remembered_key(room)
     }
 
-    /// Writes records that are damaged anew, as [`KeyStore::renew`](esm_link::key_store::KeyStore::renew) does.
+    /// Writes records that are damaged anew, as
+    /// [`KeyStore::renew`](esm_link::key_store::KeyStore::renew) does.
     ///
     /// # Errors
     /// [`WriteError`]
@@ -215,8 +222,9 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         self.kept
     }
 
-    /// Lets the firmware's own mission rest, from the next start on: where the flash has no mission that may run, the robot waits for a host to bring one. So time on a
-    /// simulated robot begins with the mission that the run is of.
+    /// Lets the firmware's own mission rest, from the next start on: where the flash has no mission
+    /// that may run, the robot waits for a host to bring one. So time on a simulated robot begins
+    /// with the mission that the run is of.
     ///
     /// # Errors
     /// The flash does not take it.
@@ -224,8 +232,8 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         self.records.put(Key::WAITS, &[1])
     }
 
-    /// Reads the mission that is to run from now on into `room`: the flash's, or the firmware's own where none of them may run.
-    /// `accepts` is asked before a mission is taken.
+    /// Reads the mission that is to run from now on into `room`: the flash's, or the firmware's own
+    /// where none of them may run. `accepts` is asked before a mission is taken.
     pub fn choose(&mut self, room: &mut [u8], mut accepts: impl FnMut(&[u8]) -> bool) -> Start {
         let Choice { mission, slots } = self.missions.choose(room, &mut accepts);
         self.kept.slots = slots;
@@ -254,10 +262,12 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         }
     }
 
-    /// Puts a mission into the slot that does not run, and puts it on trial. It may run when this has come back.
+    /// Puts a mission into the slot that does not run, and puts it on trial. It may run when this
+    /// has come back.
     ///
     /// # Errors
-    /// Why it may not. The mission before runs on, and after the next start, too, unless the flash took the whole mission and then not one word more: then the next start tries it.
+    /// Why it may not. The mission before runs on, and after the next start, too, unless the flash
+    /// took the whole mission and then not one word more: then the next start tries it.
     pub fn begin_trial(&mut self, blob: &[u8]) -> Result<(), KeepError> {
         let len = u32::try_from(blob.len()).unwrap_or(u32::MAX);
         let written = self.write(len, blob);
@@ -318,8 +328,8 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         Ok(())
     }
 
-    /// The mission on trial was left. Returns whether the one before runs again; if not, it was on trial since the start, and the next is to be
-    /// [chosen](Keep::choose).
+    /// The mission on trial was left. Returns whether the one before runs again; if not, it was on
+    /// trial since the start, and the next is to be [chosen](Keep::choose).
     pub fn fall_back(&mut self) -> bool {
         let failed = self.missions.running_slot();
         if !self.missions.fall_back() {
@@ -378,7 +388,8 @@ impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
     }
 
     fn trial_begins(&mut self, blob: &[u8]) -> Result<(), LinkError> {
-        // None is on trial any more: where the flash did not take a confirmation, it is to take it now.
+        // None is on trial any more: where the flash did not take a confirmation, it is to take it
+        // now.
         self.confirm()?;
         Ok(self.begin_trial(blob)?)
     }

@@ -1,4 +1,5 @@
-//! A small flash that a [`Keep`] keeps things in, for tests of what it promises from one power-on to the next.
+//! A small flash that a [`Keep`] keeps things in, for tests of what it promises from one power-on
+//! to the next.
 
 use std::cell::RefCell;
 use std::rc::Rc;

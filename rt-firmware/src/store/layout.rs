@@ -4,16 +4,19 @@ use embedded_storage::nor_flash::NorFlash;
 
 use esm_link::message::SlotState;
 
-/// Bytes of a block, the unit of everything in a slot: one write of the store is one block, and no block is written twice between two erases. So a flash may
-/// program up to this many bytes at once.
+/// Bytes of a block, the unit of everything in a slot: one write of the store is one block, and no
+/// block is written twice between two erases. So a flash may program up to this many bytes at once.
 pub const BLOCK_BYTES: usize = 32;
 /// Bytes of a slot before its payload.
 pub const HEAD_BYTES: u32 = 32 * BLOCK_BYTES as u32;
-/// Blocks of a slot that say that its mission was confirmed, one for each time that it was asked for and not known for certain.
+/// Blocks of a slot that say that its mission was confirmed, one for each time that it was asked
+/// for and not known for certain.
 pub const CONFIRMATIONS: u32 = 5;
-/// Blocks of a slot that say that its mission is about to be confirmed. One is enough; another is there if the flash does not take it.
+/// Blocks of a slot that say that its mission is about to be confirmed. One is enough; another is
+/// there if the flash does not take it.
 pub const PROMOTIONS: u32 = 2;
-/// Blocks of a slot that say that its mission stands over that of the other slot, one for each upload that had to erase one.
+/// Blocks of a slot that say that its mission stands over that of the other slot, one for each
+/// upload that had to erase one.
 pub const ADVANCES: u32 = 21;
 
 /// As many confirmations are not all torn: each would have taken a cut of its own.
@@ -35,17 +38,18 @@ pub(super) type Block = [u8; BLOCK_BYTES];
 
 /// What an erased block reads as.
 pub(super) const BLANK: Block = [0xFF; BLOCK_BYTES];
-/// State words. They have ones and zeros in every byte, so that neither an erase that was cut (ones) nor what some flashes program before they erase (zeros)
-/// looks like one of them.
+/// State words. They have ones and zeros in every byte, so that neither an erase that was cut
+/// (ones) nor what some flashes program before they erase (zeros) looks like one of them.
 pub(super) const HEADED: Block = [0x69; BLOCK_BYTES];
 pub(super) const SEALED: Block = [0x5A; BLOCK_BYTES];
 pub(super) const TRIED: Block = [0xC3; BLOCK_BYTES];
-/// All notes are alike, and what a note means follows from where it is. So whoever writes to a block whose writing was cut, but which reads as blank, completes
-/// what was begun there.
+/// All notes are alike, and what a note means follows from where it is. So whoever writes to a
+/// block whose writing was cut, but which reads as blank, completes what was begun there.
 pub(super) const NOTE: Block = [0x96; BLOCK_BYTES];
 
-/// By how much a note takes its mission forward in the order. A promotion takes it over two advances of the other slot whose writing was cut while the mission
-/// was to be given up; each advance takes it two places further. Uploads take the odd places in between.
+/// By how much a note takes its mission forward in the order. A promotion takes it over two
+/// advances of the other slot whose writing was cut while the mission was to be given up; each
+/// advance takes it two places further. Uploads take the odd places in between.
 pub(super) const fn lead(note: u32) -> u32 {
     if note < CONFIRMATIONS {
         0
@@ -57,7 +61,8 @@ pub(super) const fn lead(note: u32) -> u32 {
 /// By how much an upload is ahead of the newest mission: more than the next note.
 pub(super) const UPLOAD_LEAD: u32 = 3;
 
-/// Whether place `a` in the order is after place `b`, where they are less than 2^31 apart: also when numbers start anew in between.
+/// Whether place `a` in the order is after place `b`, where they are less than 2^31 apart: also
+/// when numbers start anew in between.
 pub(super) fn is_newer(a: u32, b: u32) -> bool {
     a.wrapping_sub(b).cast_signed() > 0
 }
@@ -146,7 +151,8 @@ impl Layout {
         (start, start + self.slot_bytes)
     }
 
-    /// Looks whether this fits a flash. All addresses are within it then, so that no sum of the above overflows.
+    /// Looks whether this fits a flash. All addresses are within it then, so that no sum of the
+    /// above overflows.
     pub(super) fn check<F: NorFlash>(&self, flash: &F) -> Result<(), LayoutError> {
         const {
             assert!(
@@ -218,7 +224,8 @@ impl Header {
         block
     }
 
-    /// The header in this block, with a payload of at most `capacity` bytes, or what is there instead.
+    /// The header in this block, with a payload of at most `capacity` bytes, or what is there
+    /// instead.
     pub(super) fn decode(block: &Block, capacity: u32) -> Result<Self, SlotState> {
         let mut words = [0; WORDS];
         for (word, bytes) in words.iter_mut().zip(block.as_chunks().0) {

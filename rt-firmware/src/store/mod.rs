@@ -1,14 +1,19 @@
-//! The store of missions on a flash: a robot that loses power at any moment starts with one whole mission, or with the one that is compiled in.
+//! The store of missions on a flash: a robot that loses power at any moment starts with one whole
+//! mission, or with the one that is compiled in.
 //!
-//! There are two slots, each of erase units of its own. One holds the mission that runs and is never touched but for words that are added to it; the other
-//! takes the next upload. A mission that was uploaded runs on trial first. If it is not confirmed until the next start, the one before runs again.
+//! There are two slots, each of erase units of its own. One holds the mission that runs and is
+//! never touched but for words that are added to it; the other takes the next upload. A mission
+//! that was uploaded runs on trial first. If it is not confirmed until the next start, the one
+//! before runs again.
 //!
-//! The store knows flash by the traits of `embedded-storage`. It holds to the strictest reading of them: what is written is aligned, and nothing is written
-//! twice between two erases. It allocates nothing and needs room for one mission from its caller, who runs the mission from there: what was checked is what
-//! runs, also where the flash would read differently a second time.
+//! The store knows flash by the traits of `embedded-storage`. It holds to the strictest reading of
+//! them: what is written is aligned, and nothing is written twice between two erases. It allocates
+//! nothing and needs room for one mission from its caller, who runs the mission from there: what
+//! was checked is what runs, also where the flash would read differently a second time.
 //!
 //! # Layout
-//! The store has `2 * slot_bytes` from `start` on: slot A, then slot B. A slot is blocks of 32 bytes; all numbers are little-endian:
+//! The store has `2 * slot_bytes` from `start` on: slot A, then slot B. A slot is blocks of 32
+//! bytes; all numbers are little-endian:
 //!
 //! | offset | bytes | what |
 //! |---|---|---|
@@ -21,23 +26,29 @@
 //! | 992 | 32 | header: magic `esmS`, format (1), sequence number, length, CRC-32 of the payload, erases of both slots so far, 4 bytes not used (0xFF), CRC-32 of the 28 bytes before |
 //! | 1024 | length | payload; its last block is filled up with 0xFF |
 //!
-//! Every word is its own block, so that flashes that program up to 32 bytes at once can be used. What is kept besides missions (saved parameters, the counter
-//! of signed uploads) are [`records`], behind slot B, in two more slots; behind those is their journal.
+//! Every word is its own block, so that flashes that program up to 32 bytes at once can be used.
+//! What is kept besides missions (saved parameters, the counter of signed uploads) are [`records`],
+//! behind slot B, in two more slots; behind those is their journal.
 //!
 //! # Torn words
-//! A write that is cut leaves any of its bits programmed, and some of them *weak*: they read like this today and like that tomorrow, and no reading tells. So no
-//! decision rests on a word alone that may have been cut. Each word is written after the one before it was written to its end, and so proves it: sealed,
-//! tried and promoted prove that there is a header. A torn `tried` counts as set: the mission does not run. A torn `confirmed` counts as not set. What
-//! is acknowledged was written and read back since the start.
+//! A write that is cut leaves any of its bits programmed, and some of them *weak*: they read like
+//! this today and like that tomorrow, and no reading tells. So no decision rests on a word alone
+//! that may have been cut. Each word is written after the one before it was written to its end, and
+//! so proves it: sealed, tried and promoted prove that there is a header. A torn `tried` counts as
+//! set: the mission does not run. A torn `confirmed` counts as not set. What is acknowledged was
+//! written and read back since the start.
 //!
 //! # Order
-//! Missions are ordered by *place*: sequence number, plus 4 if promoted, plus 2 for each advance up to the last one. The comparison is that of serial numbers
-//! (`a - b` as signed), so that the order survives the wrap after 2^32; two missions that are in the flash together are a few dozen places apart. Numbers
-//! grow by about five an upload: the wrap is 400 times beyond what a flash of a million erases lasts.
+//! Missions are ordered by *place*: sequence number, plus 4 if promoted, plus 2 for each advance up
+//! to the last one. The comparison is that of serial numbers (`a - b` as signed), so that the order
+//! survives the wrap after 2^32; two missions that are in the flash together are a few dozen places
+//! apart. Numbers grow by about five an upload: the wrap is 400 times beyond what a flash of a
+//! million erases lasts.
 //!
-//! At the start the last in the order runs if it is confirmed, or on trial if it was not tried yet; else the other one if it is confirmed; else none. Before an upload
-//! erases a mission, the slot that stays advances over it: an erase that is cut may wipe the word that says that a trial failed, or leave weak bits
-//! in what still reads well, and such a mission must not come back.
+//! At the start the last in the order runs if it is confirmed, or on trial if it was not tried yet;
+//! else the other one if it is confirmed; else none. Before an upload erases a mission, the slot
+//! that stays advances over it: an erase that is cut may wipe the word that says that a trial
+//! failed, or leave weak bits in what still reads well, and such a mission must not come back.
 //!
 //! # Costs
 //! | | erases | blocks written | bytes read |
@@ -50,13 +61,17 @@
 //! | fall back | 0 | 0 | 0 |
 //! | confirm | 0 | 2 | 1200 |
 //!
-//! A block that the flash refuses is passed over, and the next of its kind is taken: then there are more writes, at most as many as there are blocks. Checksums
-//! are computed bit by bit. No loop is longer than the 32 blocks of a head or those of a payload.
+//! A block that the flash refuses is passed over, and the next of its kind is taken: then there are
+//! more writes, at most as many as there are blocks. Checksums are computed bit by bit. No loop is
+//! longer than the 32 blocks of a head or those of a payload.
 //!
 //! # Limits
-//! Power may be lost twice in the worst moments in a row; tests cut each operation of many histories and again each operation of what follows. A third cut in a word that was
-//! torn twice already may bring back the mission before. After about five failed trials over the same confirmed mission the advances are used up: then an upload that is cut in its
-//! erase may bring the last failed mission back on trial, until some mission is confirmed. The next upload always works.
+//! Power may be lost twice in the worst moments in a row; tests cut each operation of many
+//! histories and again each operation of what follows. A third cut in a word that was torn twice
+//! already may bring back the mission before. After about five failed trials over the same
+//! confirmed mission the advances are used up: then an upload that is cut in its erase may bring
+//! the last failed mission back on trial, until some mission is confirmed. The next upload always
+//! works.
 
 use core::ops::Range;
 
@@ -116,7 +131,8 @@ pub struct Store<F> {
 struct Running {
     slot: Slot,
     on_trial: bool,
-    /// It was confirmed since it was chosen. What was read of a confirmation may be a torn one that reads well today.
+    /// It was confirmed since it was chosen. What was read of a confirmation may be a torn one that
+    /// reads well today.
     is_certain: bool,
 }
 
@@ -134,7 +150,8 @@ struct Upload {
 /// Which mission to run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// This one, whose bytes were read into the room; or none, so that the one that is compiled in is to run.
+    /// This one, whose bytes were read into the room; or none, so that the one that is compiled in
+    /// is to run.
     pub mission: Option<Mission>,
     /// Why: what is in slot A and slot B.
     pub slots: [SlotState; 2],
@@ -156,7 +173,8 @@ pub struct Mission {
 /// Why an upload cannot begin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BeginError {
-    /// The mission that runs is on trial, and the other slot holds what to fall back to. Confirm it, or choose again.
+    /// The mission that runs is on trial, and the other slot holds what to fall back to. Confirm
+    /// it, or choose again.
     OnTrial,
     /// A mission has at least one byte and at most this many.
     Length {
@@ -197,7 +215,8 @@ pub enum FinishError {
     },
     /// The flash did not take all of it. The upload is over.
     Flash(NorFlashErrorKind),
-    /// What the flash holds is not what was announced: other bytes were sent, or it is worn. The upload is over.
+    /// What the flash holds is not what was announced: other bytes were sent, or it is worn. The
+    /// upload is over.
     ReadBack,
 }
 
@@ -206,7 +225,8 @@ pub enum FinishError {
 pub enum TrialError {
     /// No upload has ended since the start or the last trial.
     NoUpload,
-    /// The flash did not take the word that says so. The mission may not run. After the next start it does not either, unless power was lost meanwhile or the flash took no other word.
+    /// The flash did not take the word that says so. The mission may not run. After the next start
+    /// it does not either, unless power was lost meanwhile or the flash took no other word.
     NotRecorded,
 }
 
@@ -283,7 +303,8 @@ impl<F: NorFlash> Store<F> {
         Ok((store, choice))
     }
 
-    /// Opens the store, in which no mission runs yet. [`choose`](Store::choose) is to be called before anything else.
+    /// Opens the store, in which no mission runs yet. [`choose`](Store::choose) is to be called
+    /// before anything else.
     ///
     /// # Errors
     /// The layout does not fit the flash.
@@ -301,8 +322,10 @@ impl<F: NorFlash> Store<F> {
         })
     }
 
-    /// Chooses the mission that is to run from now on, and reads it into `room`. Whoever runs on trial and is not confirmed has failed: so this is
-    /// also how a mission on trial is left. `accepts` is asked before a mission is chosen: one that it refuses is passed over, and stays as it is.
+    /// Chooses the mission that is to run from now on, and reads it into `room`. Whoever runs on
+    /// trial and is not confirmed has failed: so this is also how a mission on trial is left.
+    /// `accepts` is asked before a mission is chosen: one that it refuses is passed over, and stays
+    /// as it is.
     ///
     /// An upload that has not ended is over.
     pub fn choose(&mut self, room: &mut [u8], mut accepts: impl FnMut(&[u8]) -> bool) -> Choice {
@@ -388,15 +411,17 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Puts the mission whose upload has ended on trial, for a robot that has its bytes and is about to run it. Until it is confirmed or left
-    /// ([`fall_back`](Store::fall_back)), the slot of the mission before is not touched.
+    /// Puts the mission whose upload has ended on trial, for a robot that has its bytes and is
+    /// about to run it. Until it is confirmed or left ([`fall_back`](Store::fall_back)), the slot
+    /// of the mission before is not touched.
     ///
     /// # Errors
     /// Why it may not run.
     pub fn begin_trial(&mut self) -> Result<(), TrialError> {
         let slot = self.ended.take().ok_or(TrialError::NoUpload)?;
         if !self.record(slot, TRIED_AT, &TRIED) {
-            // A promotion says that there was a trial, too: so the next start does not run what was refused now.
+            // A promotion says that there was a trial, too: so the next start does not run what was
+            // refused now.
             self.note(slot, CONFIRMATIONS..FIRST_ADVANCE);
             return Err(TrialError::NotRecorded);
         }
@@ -409,8 +434,10 @@ impl<F: NorFlash> Store<F> {
         Ok(())
     }
 
-    /// Leaves the trial that began with [`begin_trial`](Store::begin_trial): the mission before runs again. Nothing is written: a trial that was not
-    /// confirmed has failed. Returns whether there was such a trial; one that a choice began is left by another [`choose`](Store::choose).
+    /// Leaves the trial that began with [`begin_trial`](Store::begin_trial): the mission before
+    /// runs again. Nothing is written: a trial that was not confirmed has failed. Returns whether
+    /// there was such a trial; one that a choice began is left by another
+    /// [`choose`](Store::choose).
     pub fn fall_back(&mut self) -> bool {
         let Some(before) = self.before.take() else {
             return false;
@@ -456,8 +483,9 @@ impl<F: NorFlash> Store<F> {
         (crc == header.crc).then_some(rank)
     }
 
-    /// Begins the upload of a mission of `len` bytes with the CRC-32 (IEEE 802.3) `crc`, and erases the slot that does not run. If this very
-    /// upload has begun already, it goes on. Returns the offset of the next byte.
+    /// Begins the upload of a mission of `len` bytes with the CRC-32 (IEEE 802.3) `crc`, and erases
+    /// the slot that does not run. If this very upload has begun already, it goes on. Returns the
+    /// offset of the next byte.
     ///
     /// # Errors
     /// Why there is no upload now. One that was under way goes on, but after an error of the flash.
@@ -467,7 +495,8 @@ impl<F: NorFlash> Store<F> {
         Ok(received)
     }
 
-    /// Erases one more unit of the slot that [`prepare`](Store::prepare) has chosen. Returns whether there is more to erase.
+    /// Erases one more unit of the slot that [`prepare`](Store::prepare) has chosen. Returns
+    /// whether there is more to erase.
     ///
     /// # Errors
     /// The flash did not erase it. The upload is over.
@@ -488,8 +517,8 @@ impl<F: NorFlash> Store<F> {
         Ok(goes_on)
     }
 
-    /// The first part of [`begin`](Store::begin), for those who cannot wait until a slot is erased: [`erase_next`](Store::erase_next) is to be called until there
-    /// is nothing left to erase.
+    /// The first part of [`begin`](Store::begin), for those who cannot wait until a slot is erased:
+    /// [`erase_next`](Store::erase_next) is to be called until there is nothing left to erase.
     ///
     /// # Errors
     /// As of `begin`.
@@ -509,8 +538,9 @@ impl<F: NorFlash> Store<F> {
         }
         self.upload = None;
         self.ended = None;
-        // What is erased may be all that there is beside the mission that runs: that it is confirmed must be certain. If the flash does not even
-        // take a word more, so be it: new missions must find a way in.
+        // What is erased may be all that there is beside the mission that runs: that it is
+        // confirmed must be certain. If the flash does not even take a word more, so be it: new
+        // missions must find a way in.
         if running.is_some() {
             let _ = self.confirm();
         }
@@ -525,7 +555,8 @@ impl<F: NorFlash> Store<F> {
         }
         let slot = match running {
             Some(running) => running.slot.other(),
-            // Nothing runs. What stays is what was confirmed, the whole before the damaged, or else what is newest for certain.
+            // Nothing runs. What stays is what was confirmed, the whole before the damaged, or else
+            // what is newest for certain.
             None => newest([self.whole_rank(Slot::A, a), self.whole_rank(Slot::B, b)])
                 .or(newest([a.confirmed_rank(), b.confirmed_rank()]))
                 .or(newest([a.sealed_rank(), b.sealed_rank()]))
@@ -540,14 +571,16 @@ impl<F: NorFlash> Store<F> {
             let rank = |note| header.seq.wrapping_add(lead(note));
             let first = (FIRST_ADVANCE..NOTES).find(|note| is_newer(rank(*note), newest_rank));
             if let Some(first) = first {
-                // From here on what stays is over what is erased, whatever an erase that is cut leaves of it.
+                // From here on what stays is over what is erased, whatever an erase that is cut
+                // leaves of it.
                 let noted = match erased.headed_rank() {
                     Some(_) => self.note(slot.other(), first..NOTES),
                     None => Some(first),
                 };
                 newest_rank = rank(noted.unwrap_or(NOTES - 1));
             }
-            // If its promotion was cut and reads as blank today, a note that was to be over it may have been cut, too.
+            // If its promotion was cut and reads as blank today, a note that was to be over it may
+            // have been cut, too.
             if let Ok(header) = erased.header
                 && erased.is_tried
             {
@@ -558,7 +591,8 @@ impl<F: NorFlash> Store<F> {
             }
         }
         let (from, to) = self.layout.bounds(slot);
-        // Over the next note, too: there may be one whose writing was cut and that reads as blank today.
+        // Over the next note, too: there may be one whose writing was cut and that reads as blank
+        // today.
         let seq = newest_rank.wrapping_add(UPLOAD_LEAD);
         self.erases = self.erases.saturating_add(1);
         let header = Header {
@@ -577,7 +611,8 @@ impl<F: NorFlash> Store<F> {
         Ok(0)
     }
 
-    /// Adds bytes to the upload, of which `offset` have arrived. Any number of bytes will do. Returns the offset of the next byte.
+    /// Adds bytes to the upload, of which `offset` have arrived. Any number of bytes will do.
+    /// Returns the offset of the next byte.
     ///
     /// # Errors
     /// Why they were not taken: none of them, but after an error of the flash.
@@ -619,7 +654,8 @@ impl<F: NorFlash> Store<F> {
         Some(self.upload.as_ref()?.received)
     }
 
-    /// Ends the upload. When this returns the sequence number of the mission, it is in the flash, and the next choice runs it on trial.
+    /// Ends the upload. When this returns the sequence number of the mission, it is in the flash,
+    /// and the next choice runs it on trial.
     ///
     /// # Errors
     /// Why it is not there. The mission that runs is as it was.
@@ -642,8 +678,9 @@ impl<F: NorFlash> Store<F> {
         Ok(seq)
     }
 
-    /// Reads back the payload, writes the header, and after it the word that says that header and payload are whole. So a header counts only
-    /// if its writing came to an end: one that was cut could read well today and not tomorrow.
+    /// Reads back the payload, writes the header, and after it the word that says that header and
+    /// payload are whole. So a header counts only if its writing came to an end: one that was cut
+    /// could read well today and not tomorrow.
     fn seal(&mut self, upload: &Upload) -> Result<(), FinishError> {
         let Upload { slot, header, .. } = *upload;
         let found = self.payload_crc(slot, header.len, &mut []);
@@ -691,7 +728,8 @@ impl<F: NorFlash> Store<F> {
         self.upload = None;
     }
 
-    /// How often a slot was erased, both counted together, as far as their headers tell. An upload that was cut before its header is not counted.
+    /// How often a slot was erased, both counted together, as far as their headers tell. An upload
+    /// that was cut before its header is not counted.
     #[must_use]
     pub fn erases(&self) -> u32 {
         self.erases
@@ -719,7 +757,8 @@ impl<F: NorFlash> Store<F> {
         zeros
     }
 
-    /// Blocks of a slot that are neither blank nor what is written there: damage, or what a cut has left.
+    /// Blocks of a slot that are neither blank nor what is written there: damage, or what a cut has
+    /// left.
     pub(super) fn flaws(&mut self, slot: Slot) -> u32 {
         let head = self.head(slot);
         let written = head.header.map_or(0, |header| header.len as usize);
@@ -762,7 +801,8 @@ impl<F: NorFlash> Store<F> {
         let is_headed = self.read(slot, HEADED_AT) == Some(HEADED);
         let is_sealed = self.read(slot, SEALED_AT) == Some(SEALED);
         let is_tried = match self.read(slot, TRIED_AT) {
-            // The word is there if any of it is: also where the flash can tell no more than that something is wrong with it.
+            // The word is there if any of it is: also where the flash can tell no more than that
+            // something is wrong with it.
             Some(block) => block != BLANK,
             None => true,
         };
@@ -778,7 +818,8 @@ impl<F: NorFlash> Store<F> {
             }
         }
         let is_tried = is_tried || is_promoted;
-        // Each word says that those before it were there, also where they were torn and read now so, now so.
+        // Each word says that those before it were there, also where they were torn and read now
+        // so, now so.
         let is_sealed = is_sealed || is_tried || confirmations > 0;
         Head {
             header,
@@ -790,7 +831,8 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Adds one of these notes to a slot, the first that is blank and that the flash takes. Returns which.
+    /// Adds one of these notes to a slot, the first that is blank and that the flash takes. Returns
+    /// which.
     fn note(&mut self, slot: Slot, mut notes: Range<u32>) -> Option<u32> {
         notes.find(|note| {
             let is_blank = self.read(slot, note_at(*note)) == Some(BLANK);
@@ -817,8 +859,9 @@ impl<F: NorFlash> Store<F> {
         self.read(slot, offset).or_else(|| self.read(slot, offset))
     }
 
-    /// The checksum of the first `len` bytes of a payload, which must be within its slot. What was read is in `room` afterwards, as far as there is
-    /// some: so what is checked is what is used, also where a second reading would give something else.
+    /// The checksum of the first `len` bytes of a payload, which must be within its slot. What was
+    /// read is in `room` afterwards, as far as there is some: so what is checked is what is used,
+    /// also where a second reading would give something else.
     fn payload_crc(&mut self, slot: Slot, len: u32, room: &mut [u8]) -> Option<u32> {
         const CRC: crc::Crc<u32, crc::NoTable> =
             crc::Crc::<u32, crc::NoTable>::new(&crc::CRC_32_ISO_HDLC);

@@ -1,7 +1,9 @@
-//! A flash for tests: it minds the rules of NOR flash, and power can be lost in each of its operations.
+//! A flash for tests: it minds the rules of NOR flash, and power can be lost in each of its
+//! operations.
 //!
-//! What an operation that was cut leaves behind is the worst that chips are known for: some bits changed and some not; bits that are *weak* and read
-//! today like this and tomorrow like that; units that cannot be read at all; after an erase, anything.
+//! What an operation that was cut leaves behind is the worst that chips are known for: some bits
+//! changed and some not; bits that are *weak* and read today like this and tomorrow like that;
+//! units that cannot be read at all; after an erase, anything.
 
 use core::hash::{Hash, Hasher};
 use core::ops::Range;
@@ -15,7 +17,8 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNo
 
 use super::layout::BLOCK_BYTES;
 
-/// How bits that are weak read in the sessions that follow: a session is the time from one power-on to the next.
+/// How bits that are weak read in the sessions that follow: a session is the time from one power-on
+/// to the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Flicker {
     /// As before the cut and as after it in turn, after it first.

@@ -1,10 +1,12 @@
-//! What the store promises, held against a flash that loses power in every operation of many histories, and again while it recovers.
+//! What the store promises, held against a flash that loses power in every operation of many
+//! histories, and again while it recovers.
 //!
 //! The invariants:
-//! - What was acknowledged is not lost: an upload whose `finish` returned is tried, a mission whose `confirm` returned is the one that runs, unless
-//!   something newer was asked for.
-//! - Each choice is one whole mission, byte for byte, or none; and it is the one that is due. Where power was lost while it was being decided, either answer is
-//!   right, also one today and the other tomorrow.
+//! - What was acknowledged is not lost: an upload whose `finish` returned is tried, a mission whose
+//!   `confirm` returned is the one that runs, unless something newer was asked for.
+//! - Each choice is one whole mission, byte for byte, or none; and it is the one that is due. Where
+//!   power was lost while it was being decided, either answer is right, also one today and the
+//!   other tomorrow.
 //! - A mission that was on trial and was not confirmed is not run again.
 //! - Nothing is in the way of the next upload.
 //! - The slot that runs is not touched, and no unit is written twice.
@@ -755,7 +757,8 @@ impl Search {
         }
     }
 
-    /// Runs a history with each of its operations cut in each way, and each recovery from it likewise.
+    /// Runs a history with each of its operations cut in each way, and each recovery from it
+    /// likewise.
     fn cut_twice<const WRITE: usize, const ERASE: usize>(
         &mut self,
         start: &World<WRITE, ERASE>,
@@ -809,12 +812,14 @@ impl Search {
 /// Errors without a loss of power have fewer shapes: as many of each list.
 const ERRORS: usize = 2;
 
-/// What is done with a world that a cut has led to, or none, and with the steps that are still to be done.
+/// What is done with a world that a cut has led to, or none, and with the steps that are still to
+/// be done.
 type GoOn<'g, const WRITE: usize, const ERASE: usize> =
     dyn FnMut(Option<Cut>, World<WRITE, ERASE>, &[Step]) -> Result<(), Broken> + 'g;
 
-/// Goes on from the worlds that steps lead to: without a cut, and with each cut. Where that was an error and no loss of power, they have power, and the steps after it are still to be done. What is known of the world before a step (`is_known`) is passed over, with all
-/// that would come of it.
+/// Goes on from the worlds that steps lead to: without a cut, and with each cut. Where that was an
+/// error and no loss of power, they have power, and the steps after it are still to be done. What
+/// is known of the world before a step (`is_known`) is passed over, with all that would come of it.
 fn cut_each<const WRITE: usize, const ERASE: usize>(
     start: &World<WRITE, ERASE>,
     steps: &[Step],
@@ -909,7 +914,8 @@ fn put_mission<const WRITE: usize, const ERASE: usize>(
     nor.put(world.layout.address(slot, HEAD_BYTES) as usize, &padded);
 }
 
-/// The histories without any cut, on flashes of several kinds, also with a first content that nobody wrote, and near the end of the numbers.
+/// The histories without any cut, on flashes of several kinds, also with a first content that
+/// nobody wrote, and near the end of the numbers.
 fn without_cuts() -> Result<(), Broken> {
     for history in HISTORIES {
         let within = |broken| format!("{broken}\n  in {history:?}");
@@ -940,8 +946,8 @@ fn without_cuts() -> Result<(), Broken> {
     Ok(())
 }
 
-/// Each bit of both slots, in the states between the steps of a history, changes by itself. What was due, or what the other slot has, is chosen, and what is
-/// wrong is said.
+/// Each bit of both slots, in the states between the steps of a history, changes by itself. What
+/// was due, or what the other slot has, is chosen, and what is wrong is said.
 fn bits_flip() -> Result<(), Broken> {
     let history = [
         Reboot, Upload, Choose, Confirm, Upload, Choose, Choose, Upload, Choose, Confirm,
@@ -1051,8 +1057,8 @@ fn next_upload_works<const WRITE: usize, const ERASE: usize>(
     }
 }
 
-/// Cells of a flash wear out: a block of a slot does not take what is written, and no error is told. What is acknowledged is there all the same, and what
-/// cannot be put on record does not run.
+/// Cells of a flash wear out: a block of a slot does not take what is written, and no error is
+/// told. What is acknowledged is there all the same, and what cannot be put on record does not run.
 fn cells_are_worn() -> Result<(), Broken> {
     let offsets = [
         SEALED_AT,
@@ -1127,7 +1133,8 @@ fn headers_lie() -> Result<(), Broken> {
     world.ends_well()
 }
 
-/// A robot that starts none of its missions, of which one was confirmed and the newer one was not, takes an upload in the place of the latter, whatever is cut meanwhile.
+/// A robot that starts none of its missions, of which one was confirmed and the newer one was not,
+/// takes an upload in the place of the latter, whatever is cut meanwhile.
 fn refused_missions_stay() -> Result<(), Broken> {
     for newer in [&[Upload][..], &[Upload, Choose], &[Upload, Try, FallBack]] {
         let mut world = small(Rewrite::Refuse);

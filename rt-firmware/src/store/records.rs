@@ -1,19 +1,28 @@
-//! Small records that survive a loss of power: saved parameters, the counter of signed uploads, the key that is installed.
+//! Small records that survive a loss of power: saved parameters, the counter of signed uploads, the
+//! key that is installed.
 //!
-//! A record is up to [`MAX_VALUE_BYTES`] under a number, its key. All of them together are one table, which stands in RAM, where [`get`](Records::get) finds a
-//! record without a look at the flash, and in two areas of the flash, which are [slots](super) as those of missions are. [`put`](Records::put) writes the
-//! whole table, with the new record in it, to the area that is not in use, and confirms it there; then to the other, in the same way. So all that is promised of missions holds: a record that was
-//! acknowledged is not lost, one whose writing was cut is there with its new value or with its old one, from the next [`open`](Records::open) on always the same, and
-//! records are whole or not there.
+//! A record is up to [`MAX_VALUE_BYTES`] under a number, its key. All of them together are one
+//! table, which stands in RAM, where [`get`](Records::get) finds a record without a look at the
+//! flash, and in two areas of the flash, which are [slots](super) as those of missions are.
+//! [`put`](Records::put) writes the whole table, with the new record in it, to the area that is not
+//! in use, and confirms it there; then to the other, in the same way. So all that is promised of
+//! missions holds: a record that was acknowledged is not lost, one whose writing was cut is there
+//! with its new value or with its old one, from the next [`open`](Records::open) on always the
+//! same, and records are whole or not there.
 //!
 //! # Damage
-//! What was acknowledged is there twice: bits of one area that change by themselves, or that cannot be read, lose nothing, and the next `open` writes the table anew there. Only where
-//! the writing of a table was cut, or failed, there is one of it until the next `open`. Damage of that one is [`Found::Damage`]: the records are not known, and what is in the flash stays as it is until they are
-//! [renewed](Records::renew).
+//! What was acknowledged is there twice: bits of one area that change by themselves, or that cannot
+//! be read, lose nothing, and the next `open` writes the table anew there. Only where the writing
+//! of a table was cut, or failed, there is one of it until the next `open`. Damage of that one
+//! is [`Found::Damage`]: the records are not known, and what is in the flash stays as it is until
+//! they are [renewed](Records::renew).
 //!
-//! That there were records is kept apart from them, in a journal behind the areas, in erase units of its own: each [`put`](Records::put) adds an entry, which has the sequence number that both areas
-//! have at least, and a copy of the robot's key. So neither areas that are damaged beyond what a header tells, nor an old one that was put back beside an erased one, are taken for a robot
-//! without a key, or for one that was not stopped. Only a flash that is blank, or whose first `put` of all was cut, is one that [never had records](Found::Nothing): a chip that comes with
+//! That there were records is kept apart from them, in a journal behind the areas, in erase units
+//! of its own: each [`put`](Records::put) adds an entry, which has the sequence number that both
+//! areas have at least, and a copy of the robot's key. So neither areas that are damaged beyond
+//! what a header tells, nor an old one that was put back beside an erased one, are taken for a
+//! robot without a key, or for one that was not stopped. Only a flash that is blank, or whose first
+//! `put` of all was cut, is one that [never had records](Found::Nothing): a chip that comes with
 //! anything in it is to be erased first.
 //!
 //! ```
@@ -53,13 +62,17 @@
 //! ```
 //!
 //! # Costs
-//! A `put` erases both areas, one after the other, and writes to each the table and seven blocks, and six blocks to the journal, of which each fifth `put` erases a half; one that changes nothing costs nothing. It waits for the flash: to be
-//! called from the link's context, never from a slot's. An `open` reads all of it, and writes the table once after a `put` that was cut and after damage, and else nothing. A flash that
-//! lasts 10,000 erases lasts 10,000 puts.
+//! A `put` erases both areas, one after the other, and writes to each the table and seven blocks,
+//! and six blocks to the journal, of which each fifth `put` erases a half; one that changes nothing
+//! costs nothing. It waits for the flash: to be called from the link's context, never from a
+//! slot's. An `open` reads all of it, and writes the table once after a `put` that was cut and
+//! after damage, and else nothing. A flash that lasts 10,000 erases lasts 10,000 puts.
 //!
 //! # Limits
-//! The table has as many bytes as the room that [`open`](Records::open) is given, or as an area has behind its head, whichever is less; a record takes two bytes
-//! more than its value. Where the writing of a table was cut before it was confirmed, damage of the new one brings back the one before; and so does damage in its head, as long as there is one of it: that `put` was not
+//! The table has as many bytes as the room that [`open`](Records::open) is given, or as an area has
+//! behind its head, whichever is less; a record takes two bytes more than its value. Where the
+//! writing of a table was cut before it was confirmed, damage of the new one brings back the one
+//! before; and so does damage in its head, as long as there is one of it: that `put` was not
 //! acknowledged. Who puts back all of the flash as it was, areas and journal, is not noticed.
 
 use embedded_storage::nor_flash::NorFlash;
@@ -86,7 +99,8 @@ impl Key {
     const OWNER: Key = Key(1);
     /// Says, with any value, that an emergency stop is latched.
     pub(crate) const EMERGENCY_STOP: Key = Key(5);
-    /// Says, with any value, that the firmware's own mission is not to run: the robot waits for a host.
+    /// Says, with any value, that the firmware's own mission is not to run: the robot waits for a
+    /// host.
     pub(crate) const WAITS: Key = Key(6);
 }
 
@@ -100,7 +114,8 @@ impl From<KeyRecord> for Key {
     }
 }
 
-/// Why a record was not kept. The one before is still there, if there was one; after [`Flash`](PutError::Flash) it may be the new one.
+/// Why a record was not kept. The one before is still there, if there was one; after
+/// [`Flash`](PutError::Flash) it may be the new one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PutError {
     /// A value has at most [`MAX_VALUE_BYTES`].
@@ -112,7 +127,8 @@ pub enum PutError {
     },
     /// The flash did not take it, or not twice.
     Flash,
-    /// There is [damage](Found::Damage): a new table in the place of the damaged one would lack its records.
+    /// There is [damage](Found::Damage): a new table in the place of the damaged one would lack its
+    /// records.
     Damaged,
 }
 
@@ -123,7 +139,8 @@ pub enum Found {
     Nothing,
     /// A table.
     Table,
-    /// There was a table, and it is not whole, or cannot be read, or is an old one. A robot must not take this for one that never had records. Nothing is kept until the records are
+    /// There was a table, and it is not whole, or cannot be read, or is an old one. A robot must
+    /// not take this for one that never had records. Nothing is kept until the records are
     /// [renewed](Records::renew), the flash is erased, or reads well.
     Damage,
 }
@@ -132,7 +149,8 @@ pub enum Found {
 pub struct Records<'m, F> {
     store: Store<F>,
     journal: Journal,
-    /// The table is the first `len` bytes: records, each its key, its length, and its value. No key is there twice.
+    /// The table is the first `len` bytes: records, each its key, its length, and its value. No key
+    /// is there twice.
     room: &'m mut [u8],
     len: usize,
     found: Found,
@@ -212,7 +230,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
         }
     }
 
-    /// Places of the flash that were neither blank nor whole at the start: bits that have changed, or what a loss of power has left.
+    /// Places of the flash that were neither blank nor whole at the start: bits that have changed,
+    /// or what a loss of power has left.
     pub fn flaws(&self) -> u32 {
         self.flaws
     }
@@ -246,7 +265,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
         is_settled && self.get(key).unwrap_or_default() == value
     }
 
-    /// Keeps a record, in place of the one under the same key. When this returns, it is in the flash. An empty value is no record.
+    /// Keeps a record, in place of the one under the same key. When this returns, it is in the
+    /// flash. An empty value is no record.
     ///
     /// # Errors
     /// Why it is not kept.
@@ -276,7 +296,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
         if self.found == Found::Nothing && !self.begin_journal() {
             return Err(PutError::Flash);
         }
-        // Then a table without records, so that it is known what was before where the writing of the next is cut.
+        // Then a table without records, so that it is known what was before where the writing of
+        // the next is cut.
         if self.store.running_slot().is_none() {
             self.write().ok_or(PutError::Flash)?;
         }
@@ -300,7 +321,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
         Err(PutError::Flash)
     }
 
-    /// Writes the records anew where there is damage: this key, and an emergency stop that is latched; nothing else is known. The owner of the key that is
+    /// Writes the records anew where there is damage: this key, and an emergency stop that is
+    /// latched; nothing else is known. The owner of the key that is
     /// [remembered](Records::remembered_key) has asked for it.
     ///
     /// # Errors
@@ -335,8 +357,10 @@ impl<'m, F: NorFlash> Records<'m, F> {
         }
     }
 
-    /// Reads the key record that was kept last into the beginning of `room`, where there is [damage](Found::Damage); as
-    /// [`KeyStore::remembered_key`](esm_link::key_store::KeyStore::remembered_key) does. 0 is for a robot that had none for certain.
+    /// Reads the key record that was kept last into the beginning of `room`, where there is
+    /// [damage](Found::Damage); as
+    /// [`KeyStore::remembered_key`](esm_link::key_store::KeyStore::remembered_key) does. 0 is for a
+    /// robot that had none for certain.
     ///
     /// # Errors
     /// [`NotKept`]: it is not known, or has no room.
@@ -379,7 +403,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
             return false;
         };
         let (floor, key) = (Some(floor), self.key());
-        // The table before the first record may be there by words that were cut, in both areas: should it go again, nothing was lost.
+        // The table before the first record may be there by words that were cut, in both areas:
+        // should it go again, nothing was lost.
         let is_before_first = self.len == 0 && self.journal.floor().is_none();
         self.is_entered = is_before_first
             || self.journal.says(floor, &key)
@@ -387,7 +412,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
         self.is_entered
     }
 
-    /// Reads what belongs to the robot's key, as [`KeyStore::read`](esm_link::key_store::KeyStore::read) does.
+    /// Reads what belongs to the robot's key, as
+    /// [`KeyStore::read`](esm_link::key_store::KeyStore::read) does.
     ///
     /// # Errors
     /// [`NotKept`]: there is damage, or the record has no room.
@@ -402,7 +428,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
         Ok(kept.len())
     }
 
-    /// Keeps what belongs to the robot's key, as [`KeyStore::write`](esm_link::key_store::KeyStore::write) does.
+    /// Keeps what belongs to the robot's key, as
+    /// [`KeyStore::write`](esm_link::key_store::KeyStore::write) does.
     ///
     /// # Errors
     /// [`NotKept`]: there is damage, or the flash did not take it.
@@ -423,7 +450,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
             (found == key).then_some(place)
         });
         if let Some(place) = found {
-            // Byte by byte: the library's routine for what overlaps takes a kilobyte and a half of flash.
+            // Byte by byte: the library's routine for what overlaps takes a kilobyte and a half of
+            // flash.
             for (to, from) in (place.start..).zip(place.end..self.len) {
                 let byte = self.room.get(from).copied();
                 if let (Some(byte), Some(to)) = (byte, self.room.get_mut(to)) {
@@ -470,7 +498,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
         Some(())
     }
 
-    /// Reads the table that counts, holds it against the journal, and sees to it that both areas have it, and the journal knows of it.
+    /// Reads the table that counts, holds it against the journal, and sees to it that both areas
+    /// have it, and the journal knows of it.
     fn load(&mut self) {
         self.journal.scan(&mut self.store.flash);
         self.is_entered = false;
@@ -482,9 +511,11 @@ impl<'m, F: NorFlash> Records<'m, F> {
         }
     }
 
-    /// Reads the table that counts, and sees to it that both areas have it. Where its writing was cut it is confirmed before, for it might read well today and not tomorrow.
+    /// Reads the table that counts, and sees to it that both areas have it. Where its writing was
+    /// cut it is confirmed before, for it might read well today and not tomorrow.
     fn load_table(&mut self) {
-        // What reads badly is looked at twice. And a table that was never confirmed, and cannot be now, gives way to the other.
+        // What reads badly is looked at twice. And a table that was never confirmed, and cannot be
+        // now, gives way to the other.
         for look in 0..LOOKS {
             self.len = 0;
             self.found = Found::Damage;
@@ -551,7 +582,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
         }
     }
 
-    /// Whether a flash without a table never had one: it is blank, or the journal says that the first of all was about to be written.
+    /// Whether a flash without a table never had one: it is blank, or the journal says that the
+    /// first of all was about to be written.
     fn is_new(&mut self) -> bool {
         !self.journal.is_marked() && (self.journal.has_entry() || self.store.zeros() <= WORN_BITS)
     }

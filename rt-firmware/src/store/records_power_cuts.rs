@@ -1,8 +1,10 @@
-//! What records promise, held against a flash that loses power in every operation of several histories, and again while it recovers.
+//! What records promise, held against a flash that loses power in every operation of several
+//! histories, and again while it recovers.
 //!
-//! The invariants: a record that was acknowledged is there; one whose writing was cut has its old or its new value, and from the next start on always the same;
-//! whatever happened, the next record can be kept. Neither is a cut taken for damage, nor damage for a flash that never had records: what was acknowledged is
-//! there although any bit changes or any reading fails once.
+//! The invariants: a record that was acknowledged is there; one whose writing was cut has its old
+//! or its new value, and from the next start on always the same; whatever happened, the next record
+//! can be kept. Neither is a cut taken for damage, nor damage for a flash that never had records:
+//! what was acknowledged is there although any bit changes or any reading fails once.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashSet};
@@ -132,7 +134,8 @@ impl World {
         Ok(Opened { found, values })
     }
 
-    /// Switches on and does these steps. Returns whether power was on to the end; then it is switched off.
+    /// Switches on and does these steps. Returns whether power was on to the end; then it is
+    /// switched off.
     fn run(&mut self, steps: &[Step], cut: Option<Cut>) -> Result<bool, Broken> {
         let nor = Rc::new(RefCell::new(self.nor.clone()));
         let mut sessions = steps.split(|step| *step == Reboot).peekable();
@@ -238,8 +241,9 @@ impl World {
     }
 }
 
-/// Each operation of these steps is cut in each way, as a loss of power and as an error; and goes on from there. What is known of the world before a session (`is_known`) is passed
-/// over, with all that would come of it.
+/// Each operation of these steps is cut in each way, as a loss of power and as an error; and goes
+/// on from there. What is known of the world before a session (`is_known`) is passed over, with all
+/// that would come of it.
 fn cut_each(
     start: &World,
     steps: &[Step],
@@ -348,7 +352,8 @@ fn cut_twice(history: usize, at: usize) -> Result<(), Broken> {
     Ok(())
 }
 
-/// Bits that change by themselves, and readings that fail once, when a history has come to its end and where it was cut.
+/// Bits that change by themselves, and readings that fail once, when a history has come to its end
+/// and where it was cut.
 fn bits_flip() -> Result<(), Broken> {
     for history in HISTORIES {
         for end in 1..=history.len() {
@@ -389,7 +394,8 @@ fn bits_flip() -> Result<(), Broken> {
     Ok(())
 }
 
-/// Whether what is known of the records stands, whatever bit changes and whatever reading fails. At rest nothing is lost; after a cut it may be, and is known to be.
+/// Whether what is known of the records stands, whatever bit changes and whatever reading fails. At
+/// rest nothing is lost; after a cut it may be, and is known to be.
 fn is_not_lost(world: &World, is_at_rest: bool) -> Result<(), Broken> {
     let opened = |act: &dyn Fn(&mut Nor)| {
         let mut nor = world.nor.clone();

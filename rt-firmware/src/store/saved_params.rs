@@ -1,4 +1,5 @@
-//! What is promised of saved parameters, held against a flash that loses power, or refuses, in every operation of a save.
+//! What is promised of saved parameters, held against a flash that loses power, or refuses, in
+//! every operation of a save.
 
 use std::cell::RefCell;
 use std::rc::Rc;

@@ -8,16 +8,16 @@ use crate::task::{Step, Task};
 /// It backs no closer than this to what is behind, in metres.
 const BEHIND_M: f32 = 0.12;
 
-/// Backs up straight and finishes after `distance_m`, or earlier where something is behind, or a sonar does not know
-/// whether it is free there. As long as it has no ranges or no pose, it stands.
+/// Backs up straight and finishes after `distance_m`, or earlier where something is behind, or a
+/// sonar does not know whether it is free there. As long as it has no ranges or no pose, it stands.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Back {
     start: Option<Pose>,
 }
 
 task! {
-    /// Backs up straight for `distance_m` and finishes, or earlier where something is behind, or it is not
-    /// known whether something is. Without ranges or a pose it stands.
+    /// Backs up straight for `distance_m` and finishes, or earlier where something is behind, or it
+    /// is not known whether something is. Without ranges or a pose it stands.
     impl Back {
         slot 2;
         wcet 300 us;

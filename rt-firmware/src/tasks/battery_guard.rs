@@ -6,19 +6,22 @@ use crate::task;
 use crate::task::{Step, Task};
 use esm_link::message::SafeReason;
 
-/// A guard that has not known the voltage for so long takes the battery for empty: whoever measures it has had its chance, also at the start.
+/// A guard that has not known the voltage for so long takes the battery for empty: whoever measures
+/// it has had its chance, also at the start.
 const UNKNOWN_US: u32 = 1_000_000;
 
-/// While its state is active and the battery is below `stop_v`, or its voltage has not been known for a second, the runtime switches the motors off, whatever the mission does: safe state, until the host
-/// says start. A mission that wants to drive home first looks at `low` of [`BatteryMonitor`](super::BatteryMonitor), with a higher voltage.
+/// While its state is active and the battery is below `stop_v`, or its voltage has not been known
+/// for a second, the runtime switches the motors off, whatever the mission does: safe state, until
+/// the host says start. A mission that wants to drive home first looks at `low` of
+/// [`BatteryMonitor`](super::BatteryMonitor), with a higher voltage.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BatteryGuard {
     unknown_us: u32,
 }
 
 task! {
-    /// Switches the motors off, whatever the mission does, while the battery is below `stop_v`, or its voltage
-    /// has not been known for a second. `esm start` ends that.
+    /// Switches the motors off, whatever the mission does, while the battery is below `stop_v`, or
+    /// its voltage has not been known for a second. `esm start` ends that.
     impl BatteryGuard {
         slot 3;
         wcet 100 us;

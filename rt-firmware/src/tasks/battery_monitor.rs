@@ -6,7 +6,8 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Share of a new conversion in the smoothed voltage: motors that start pull the voltage down for a moment, which is no empty battery.
+/// Share of a new conversion in the smoothed voltage: motors that start pull the voltage down for a
+/// moment, which is no empty battery.
 const SMOOTHING: f32 = 0.05;
 
 /// Publishes the battery's smoothed voltage and sets `low` while it is below `low_v`.

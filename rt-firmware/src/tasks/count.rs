@@ -12,8 +12,8 @@ pub struct Count {
 }
 
 task! {
-    /// Counts how often its state was entered since the mission started, and finishes at once. Each task
-    /// state counts for itself.
+    /// Counts how often its state was entered since the mission started, and finishes at once. Each
+    /// task state counts for itself.
     impl Count {
         slot 2;
         wcet 100 us;

@@ -20,17 +20,19 @@ const SLOWEST_PART: f32 = 0.4;
 /// What stands at 45° may be closer than what stands ahead, by this factor.
 const DIAGONAL_PART: f32 = 0.6;
 
-/// Drives ahead and steers gently towards the side with more space. It stands where it does not know whether the way ahead is free.
-/// As long as it has no picture, or an old one, it stands and leaves its flags as they are.
+/// Drives ahead and steers gently towards the side with more space. It stands where it does not
+/// know whether the way ahead is free. As long as it has no picture, or an old one, it stands and
+/// leaves its flags as they are.
 ///
-/// `near` is set while something is nearer than `near_m` ahead, or the way there is not known; `left_freer` while there is more space
-/// on the left. A robot needs a sonar that looks ahead; it can do without the others that are asked here.
+/// `near` is set while something is nearer than `near_m` ahead, or the way there is not known;
+/// `left_freer` while there is more space on the left. A robot needs a sonar that looks ahead; it
+/// can do without the others that are asked here.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Cruise;
 
 task! {
-    /// Drives ahead and steers gently towards the side with more space. It slows down before an obstacle, and
-    /// stands where the way ahead is not known, or the ranges are old.
+    /// Drives ahead and steers gently towards the side with more space. It slows down before an
+    /// obstacle, and stands where the way ahead is not known, or the ranges are old.
     impl Cruise {
         slot 2;
         wcet 300 us;
@@ -98,7 +100,8 @@ mod tests {
 
     #[test]
     fn it_steers_towards_space_and_brakes_before_walls() {
-        // Ranges ahead, 45° left, left, right, 45° right; then: near, left freer, faster than half, sign of the turn.
+        // Ranges ahead, 45° left, left, right, 45° right; then: near, left freer, faster than half,
+        // sign of the turn.
         for (ranges_m, near, left_freer, fast, turn) in [
             ([4.0, 4.0, 4.0, 4.0, 4.0], false, false, true, 0.0),
             ([4.0, 4.0, 4.0, 0.4, 0.5], false, true, true, 1.0),

@@ -6,8 +6,9 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// It slows down over the last centimetres, and never so far that friction would end the way early: it rolls
-/// by 3 cm/s then, and 2.4 mm more when it is to stand, which ends at the goal. An encoder count is 0.14 mm.
+/// It slows down over the last centimetres, and never so far that friction would end the way early:
+/// it rolls by 3 cm/s then, and 2.4 mm more when it is to stand, which ends at the goal. An encoder
+/// count is 0.14 mm.
 const APPROACH: Approach = Approach {
     per_s: 3.0,
     slowest_per_s: 0.03,
@@ -15,8 +16,8 @@ const APPROACH: Approach = Approach {
     standing: 0.0002,
 };
 
-/// Drives along the line on which the robot stood when the state was entered, and finishes when it stands
-/// `distance_m` farther along it. It looks at nothing but the pose.
+/// Drives along the line on which the robot stood when the state was entered, and finishes when it
+/// stands `distance_m` farther along it. It looks at nothing but the pose.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct DriveDistance {
     line: Option<Track>,
@@ -25,16 +26,16 @@ pub struct DriveDistance {
 }
 
 task! {
-    /// Drives straight on for a distance, or back where that is negative, and finishes when it stands there. It
-    /// holds the line on which it began. It does not see obstacles: let another region stop it. Without a pose
-    /// it stands.
+    /// Drives straight on for a distance, or back where that is negative, and finishes when it
+    /// stands there. It holds the line on which it began. It does not see obstacles: let another
+    /// region stop it. Without a pose it stands.
     impl DriveDistance {
         slot 2;
         wcet 300 us;
         exclusive motion;
         data {
-            /// Where the robot is. Five periods of the slot that usually tells it: then it is at most 5 cm
-            /// off at full speed.
+            /// Where the robot is. Five periods of the slot that usually tells it: then it is at
+            /// most 5 cm off at full speed.
             in pose: Pose optional within 100 ms;
             /// How it wants to move.
             out twist: Twist;

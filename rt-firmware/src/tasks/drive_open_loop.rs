@@ -10,10 +10,12 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Drives both motors with the power that the speeds of a twist need on a flat floor with a fresh battery.
+/// Drives both motors with the power that the speeds of a twist need on a flat floor with a fresh
+/// battery.
 ///
-/// For robots without encoders, in place of [`WheelSpeed`](super::WheelSpeed): nothing corrects an empty battery, a slope or
-/// unequal motors. `left_part` and `right_part` make up for the last by hand.
+/// For robots without encoders, in place of [`WheelSpeed`](super::WheelSpeed): nothing corrects an
+/// empty battery, a slope or unequal motors. `left_part` and `right_part` make up for the last by
+/// hand.
 #[derive(Debug)]
 pub struct DriveOpenLoop<LP, LD, RP, RD> {
     left: OpenWheel<LP, LD>,
@@ -22,8 +24,8 @@ pub struct DriveOpenLoop<LP, LD, RP, RD> {
 }
 
 task! {
-    /// Drives the motors of a robot without encoders: the power that a speed needs on a flat floor with a
-    /// fresh battery. Where nobody has said how to move for 100 ms, the wheels brake.
+    /// Drives the motors of a robot without encoders: the power that a speed needs on a flat floor
+    /// with a fresh battery. Where nobody has said how to move for 100 ms, the wheels brake.
     impl[
         LP: SetDutyCycle + Send, LD: OutputPin + Send, RP: SetDutyCycle + Send, RD: OutputPin + Send
     ] DriveOpenLoop<LP, LD, RP, RD> {
@@ -31,8 +33,8 @@ task! {
         wcet 300 us;
         endless;
         data {
-            /// How to move. Five periods of the slot in which it is usually decided: at 0.3 m/s the robot
-            /// rolls 3 cm in this time.
+            /// How to move. Five periods of the slot in which it is usually decided: at 0.3 m/s the
+            /// robot rolls 3 cm in this time.
             in twist: Twist optional within 100 ms;
         }
         flags {
@@ -42,7 +44,8 @@ task! {
         params {
             /// How fast the wheels may change their speed, in m/s for each second.
             acceleration_m_per_s2: f32 = 1.2, 0.1..=5.0;
-            /// Power of the left motor, as a part of what is worked out: less than 1 for the stronger motor.
+            /// Power of the left motor, as a part of what is worked out: less than 1 for the
+            /// stronger motor.
             left_part: f32 = 1.0, 0.5..=1.0;
             /// Power of the right motor, as a part of what is worked out.
             right_part: f32 = 1.0, 0.5..=1.0;
@@ -57,7 +60,8 @@ struct OpenWheel<P, D> {
 }
 
 impl<P: SetDutyCycle, D: OutputPin> OpenWheel<P, D> {
-    /// Goes towards a speed by `most_change_m_per_s` at most. Returns whether the motor's driver took it.
+    /// Goes towards a speed by `most_change_m_per_s` at most. Returns whether the motor's driver
+    /// took it.
     fn drive(
         &mut self,
         chassis: &Chassis,
@@ -164,7 +168,8 @@ mod tests {
         for _ in 0..30 {
             bench.step();
         }
-        // 0.4 m/s are 0.4 / 0.6 · 0.9 + 0.1 = 0.7 of full power; 0.2 m/s are 0.4, and half of it is asked for.
+        // 0.4 m/s are 0.4 / 0.6 · 0.9 + 0.1 = 0.7 of full power; 0.2 m/s are 0.4, and half of it is
+        // asked for.
         let actuators = pins.take_actuators();
         assert_eq!((actuators.left_duty, actuators.right_duty), (700, 200));
         assert!(!bench.flag(Task::FAILED));

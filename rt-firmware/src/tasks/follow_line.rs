@@ -8,17 +8,17 @@ use crate::task::{Step, Task};
 /// Micrometres in a metre.
 const UM_PER_M: f32 = 1e6;
 
-/// Drives along the line under the sensors, and straight on where there is none. As long as it does not know where the line is, it stands and
-/// leaves its flags as they are.
+/// Drives along the line under the sensors, and straight on where there is none. As long as it does
+/// not know where the line is, it stands and leaves its flags as they are.
 ///
-/// Exactly one of `seen` and `lost` is set from the first step on in which it knows. `left` is set while the line is to the left, or, if it is lost, where it went
-/// out of sight to the left.
+/// Exactly one of `seen` and `lost` is set from the first step on in which it knows. `left` is set
+/// while the line is to the left, or, if it is lost, where it went out of sight to the left.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FollowLine;
 
 task! {
-    /// Drives along a dark line on the floor, and straight on where there is none. Where it does not know, it
-    /// stands.
+    /// Drives along a dark line on the floor, and straight on where there is none. Where it does
+    /// not know, it stands.
     impl FollowLine {
         slot 2;
         wcet 200 us;

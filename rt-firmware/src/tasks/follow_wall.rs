@@ -23,20 +23,23 @@ const SLOPE_LIMIT: f32 = 0.5;
 /// The wall is lost when it is farther away than this many times the distance to keep.
 const LOST_FACTOR: f32 = 2.5;
 
-/// Something at 45° to the right is in the way when it is nearer than this part of the distance to keep; a wall that is followed well
-/// is farther there than the distance itself.
+/// Something at 45° to the right is in the way when it is nearer than this part of the distance to
+/// keep; a wall that is followed well is farther there than the distance itself.
 const DIAGONAL_PART: f32 = 0.75;
 
-/// Drives along a wall to its right, `distance_m` from rim to wall. It stands where it does not know what is ahead, to the right, or
-/// in between. As long as it has no ranges, it stands and leaves its flags as they are.
+/// Drives along a wall to its right, `distance_m` from rim to wall. It stands where it does not
+/// know what is ahead, to the right, or in between. As long as it has no ranges, it stands and
+/// leaves its flags as they are.
 ///
-/// `ahead` is set while something stands less than `ahead_m` ahead, or so near at 45° to the right that the robot would scrape along it,
-/// or one of the two is not known; `lost` while there is no wall to the right.
+/// `ahead` is set while something stands less than `ahead_m` ahead, or so near at 45° to the right
+/// that the robot would scrape along it, or one of the two is not known; `lost` while there is no
+/// wall to the right.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FollowWall;
 
 task! {
-    /// Drives along a wall to its right. It stands where it does not know what is ahead or to the right.
+    /// Drives along a wall to its right. It stands where it does not know what is ahead or to the
+    /// right.
     impl FollowWall {
         slot 2;
         wcet 300 us;
@@ -95,8 +98,9 @@ impl Task for FollowWall {
     }
 }
 
-/// How fast the wall to the right recedes, in metres for each metre driven: worked out from the beam to the right and the one at 45°,
-/// which meet a parallel wall at the same distance beside the robot.
+/// How fast the wall to the right recedes, in metres for each metre driven: worked out from the
+/// beam to the right and the one at 45°, which meet a parallel wall at the same distance beside the
+/// robot.
 fn slope(ranges: &Ranges) -> f32 {
     let beside_m = ranges.right_m() + RIM_M;
     let diagonal_m = (ranges.ahead_right_m() + RIM_M) * FRAC_1_SQRT_2;
@@ -108,7 +112,8 @@ mod tests {
     use super::*;
     use crate::TaskBench;
 
-    /// Ranges beside a straight wall, `distance_m` from the rim, in a direction `away_rad` off its own.
+    /// Ranges beside a straight wall, `distance_m` from the rim, in a direction `away_rad` off its
+    /// own.
     fn beside_wall(distance_m: f32, away_rad: f32) -> Ranges {
         let centre_m = distance_m + RIM_M;
         let mut ranges = Ranges::FREE;

@@ -3,8 +3,8 @@
 use super::values::{Chassis, Pose, Twist, WheelSpeeds};
 use crate::odometry::{sine_and_cosine, wrapped_rad};
 
-/// How to come to a goal and stand there: slower as it comes near, never slower than what friction lets
-/// move, never faster than wanted. All are for one dimension, in metres or in radians.
+/// How to come to a goal and stand there: slower as it comes near, never slower than what friction
+/// lets move, never faster than wanted. All are for one dimension, in metres or in radians.
 #[derive(Clone, Copy, Debug)]
 pub struct Approach {
     /// Speed for each unit that is still to go, per second.
@@ -18,7 +18,8 @@ pub struct Approach {
 }
 
 impl Approach {
-    /// The speed for the way that is left, `most_per_s` at most: back where the goal is behind, none at the goal.
+    /// The speed for the way that is left, `most_per_s` at most: back where the goal is behind,
+    /// none at the goal.
     pub fn speed(self, left: f32, most_per_s: f32) -> f32 {
         if left.abs() < self.tolerance {
             return 0.0;
@@ -27,8 +28,8 @@ impl Approach {
         speed_per_s.min(most_per_s).copysign(left)
     }
 
-    /// Whether the goal is reached: near enough, and since the last step, which moved `moved`, nothing rolls any more that
-    /// would carry it away again.
+    /// Whether the goal is reached: near enough, and since the last step, which moved `moved`,
+    /// nothing rolls any more that would carry it away again.
     pub fn is_reached(self, left: f32, moved: f32) -> bool {
         left.abs() < self.tolerance && moved.abs() < self.standing
     }
@@ -92,8 +93,8 @@ impl OnTrack {
     /// No farther off the direction than this, in radians.
     const MOST_RAD: f32 = 0.5;
 
-    /// The turning speed in rad/s that brings a robot back onto the line and keeps it there, while it drives forwards or
-    /// backwards along it.
+    /// The turning speed in rad/s that brings a robot back onto the line and keeps it there, while
+    /// it drives forwards or backwards along it.
     pub fn back_on_rad_per_s(&self, is_backwards: bool) -> f32 {
         let towards = (-self.left_m * Self::RAD_PER_M).clamp(-Self::MOST_RAD, Self::MOST_RAD);
         let wanted_rad = if is_backwards { -towards } else { towards };
@@ -114,8 +115,9 @@ impl Chassis {
         }
     }
 
-    /// The share of full power, from -1 to 1, that a wheel needs for this speed in metres per second: on a flat floor, with a
-    /// fresh battery. A controller does the rest, where there is one.
+    /// The share of full power, from -1 to 1, that a wheel needs for this speed in metres per
+    /// second: on a flat floor, with a fresh battery. A controller does the rest, where there is
+    /// one.
     pub fn rolling_power(&self, speed_m_per_s: f32) -> f32 {
         speed_m_per_s / self.full_speed_m_per_s * (1.0 - self.friction_power)
             + self.friction_power.copysign(speed_m_per_s)

@@ -5,7 +5,8 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Sets `seen` while there is a line under the sensors, `crossing` while another one goes across it; neither while it does not know.
+/// Sets `seen` while there is a line under the sensors, `crossing` while another one goes across
+/// it; neither while it does not know.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LineMonitor;
 

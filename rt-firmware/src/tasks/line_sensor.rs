@@ -12,7 +12,8 @@ pub const SENSOR_PITCH_UM: i16 = 12_000;
 /// A sensor sees the line when it is as dark as this, in thousandths: half of its spot.
 const SEEN: u16 = 500;
 
-/// What is less dark than this is floor with a stain on it, and must not pull the line's middle to one side.
+/// What is less dark than this is floor with a stain on it, and must not pull the line's middle to
+/// one side.
 const STAIN: u16 = 150;
 
 /// Publishes where the line is: the middle of what is dark under the sensors.

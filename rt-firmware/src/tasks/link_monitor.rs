@@ -5,11 +5,13 @@ use crate::task;
 use crate::task::{Step, Task};
 use esm_link::message::SafeReason;
 
-/// Sets `warn`, `slow` and `stop` while no request has come over the link for so many milliseconds, and clears them when one comes. Once `stop` has been
-/// set for a period of its slot, and the link is silent still, the runtime switches the motors off by itself, whatever the mission does: safe state, until the
-/// host says start.
+/// Sets `warn`, `slow` and `stop` while no request has come over the link for so many milliseconds,
+/// and clears them when one comes. Once `stop` has been set for a period of its slot, and the link
+/// is silent still, the runtime switches the motors off by itself, whatever the mission does: safe
+/// state, until the host says start.
 ///
-/// Any request that arrives whole counts; where the robot has a key, only its owner's. What the robot sends does not.
+/// Any request that arrives whole counts; where the robot has a key, only its owner's. What the
+/// robot sends does not.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LinkMonitor {
     /// The machine has been told that the time is up.
@@ -17,8 +19,9 @@ pub struct LinkMonitor {
 }
 
 task! {
-    /// Watches whether the host still calls. Each request that arrives whole counts. Where the robot has a key,
-    /// only those of its owner count. After `stop` the motors go off by themselves, until `esm start`.
+    /// Watches whether the host still calls. Each request that arrives whole counts. Where the
+    /// robot has a key, only those of its owner count. After `stop` the motors go off by
+    /// themselves, until `esm start`.
     impl LinkMonitor {
         slot 3;
         wcet 100 us;

@@ -5,8 +5,8 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Writes one line to the log and finishes. It has no slot of its own: it runs in the time that is left, on the values that its ports held
-/// when its state was entered.
+/// Writes one line to the log and finishes. It has no slot of its own: it runs in the time that is
+/// left, on the values that its ports held when its state was entered.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Logger;
 

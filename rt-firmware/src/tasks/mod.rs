@@ -26,9 +26,10 @@
 //!
 //! # How old a value may be
 //!
-//! A value stays on its net when its writer is gone, so a task that moves the robot or decides about its safety says how old what it
-//! reads may be, and does what is safe where there is nothing as young as that: it stands, or it says that something is close. The times
-//! are made of the periods of the writers' slots, 20 ms for control and 40 ms for the sonars:
+//! A value stays on its net when its writer is gone, so a task that moves the robot or decides
+//! about its safety says how old what it reads may be, and does what is safe where there is nothing
+//! as young as that: it stands, or it says that something is close. The times are made of the
+//! periods of the writers' slots, 20 ms for control and 40 ms for the sonars:
 //!
 //! | value | within | for |
 //! |---|---|---|
@@ -37,8 +38,8 @@
 //! | [`Pose`], [`WheelSpeeds`], [`Line`] | 100 ms | five periods of 20 ms: fewer would make a robot jerk that misses three slots in a row, which the runtime bears |
 //! | [`Battery`] | 200 ms | five periods of 40 ms |
 //!
-//! Tasks with hardware own their drivers. Those that move the robot never touch a motor: they publish a [`Twist`], and the mission's
-//! data paths decide whose twist reaches the wheels.
+//! Tasks with hardware own their drivers. Those that move the robot never touch a motor: they
+//! publish a [`Twist`], and the mission's data paths decide whose twist reaches the wheels.
 
 mod back;
 mod battery_guard;

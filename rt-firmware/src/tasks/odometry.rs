@@ -6,7 +6,8 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Adds up what the wheels have rolled. The pose belongs to the robot, not to a mission: it goes on when missions are swapped.
+/// Adds up what the wheels have rolled. The pose belongs to the robot, not to a mission: it goes on
+/// when missions are swapped.
 #[derive(Debug)]
 pub struct Odometry<L, R> {
     left: WheelEncoder<L>,

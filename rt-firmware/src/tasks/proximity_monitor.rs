@@ -5,8 +5,8 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Sets `close` while something is nearer to the rim than `close_m`, on any side, or a sonar does not know whether there is,
-/// or there are no ranges that are young enough.
+/// Sets `close` while something is nearer to the rim than `close_m`, on any side, or a sonar does
+/// not know whether there is, or there are no ranges that are young enough.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ProximityMonitor;
 

@@ -8,15 +8,16 @@ use crate::task::{Step, Task};
 /// Something at 45° to the right is in the way when it is nearer than this, in metres.
 const DIAGONAL_M: f32 = 0.17;
 
-/// Drives an arc to the right, `radius_m` about where the wall has ended, and finishes when there is a wall to the right again, nearer
-/// than `found_m`, or something in the way: less than `ahead_m` ahead, or close at 45° to the right. What is not known is in the way, and the
-/// robot stands then. As long as it has no ranges, it stands.
+/// Drives an arc to the right, `radius_m` about where the wall has ended, and finishes when there
+/// is a wall to the right again, nearer than `found_m`, or something in the way: less than
+/// `ahead_m` ahead, or close at 45° to the right. What is not known is in the way, and the robot
+/// stands then. As long as it has no ranges, it stands.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RoundCorner;
 
 task! {
-    /// Drives an arc to the right, around the end of a wall, and finishes at the next wall to the right, or where
-    /// something is in the way. Without ranges it stands.
+    /// Drives an arc to the right, around the end of a wall, and finishes at the next wall to the
+    /// right, or where something is in the way. Without ranges it stands.
     impl RoundCorner {
         slot 2;
         wcet 300 us;

@@ -11,66 +11,76 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Sonars that look this many eighths of a turn apart, or fewer, hear each other. A sonar's beam is 15° to each side, and
-/// its receiver hears loud sound from twice that: what lies between two beams that are 45° apart echoes into both.
+/// Sonars that look this many eighths of a turn apart, or fewer, hear each other. A sonar's beam is
+/// 15° to each side, and its receiver hears loud sound from twice that: what lies between two beams
+/// that are 45° apart echoes into both.
 const HEARS_EIGHTHS: u8 = 1;
 
-/// Windows between two pings of one sonar, at least: its data sheet asks for 60 ms, so that no late echo of one ping is
-/// taken for an early one of the next, and a window is 40 ms.
+/// Windows between two pings of one sonar, at least: its data sheet asks for 60 ms, so that no late
+/// echo of one ping is taken for an early one of the next, and a window is 40 ms.
 const FEWEST_WINDOWS: u8 = 2;
 
 /// The windows in which eight sonars ping that look to all sides: every other one in each.
 pub const RING_WINDOWS: [u8; Bearing::COUNT] = firing_windows(&Bearing::ALL);
 
-/// Answers to nothing but the second in a row is believed: what was seen a moment ago is not gone because one echo was
-/// lost. Lost echoes are a few in a hundred; two in a row are one in a thousand.
+/// Answers to nothing but the second in a row is believed: what was seen a moment ago is not gone
+/// because one echo was lost. Lost echoes are a few in a hundred; two in a row are one in a
+/// thousand.
 const EMPTY_BELIEVED_AFTER: u8 = 2;
 
-/// A sonar that left so many pings in a row without an answer is unknown: one may have been lost on the wire.
+/// A sonar that left so many pings in a row without an answer is unknown: one may have been lost on
+/// the wire.
 const UNKNOWN_AFTER: u8 = 2;
 
-/// A sonar that left so many pings in a row without an answer is dead. A sonar that works answers each ping, also where
-/// nothing is there, so that no echo that is lost counts here; three pings are 240 ms, longer than any dip of the
-/// supply while the motors start.
+/// A sonar that left so many pings in a row without an answer is dead. A sonar that works answers
+/// each ping, also where nothing is there, so that no echo that is lost counts here; three pings
+/// are 240 ms, longer than any dip of the supply while the motors start.
 pub const DEAD_AFTER: u8 = 3;
 
-/// A sonar that so often heard nothing where others heard something is deaf. One may be chance, a lost echo or something
-/// that moved away; each further one is in another direction, and an echo in between starts the count anew.
+/// A sonar that so often heard nothing where others heard something is deaf. One may be chance, a
+/// lost echo or something that moved away; each further one is in another direction, and an echo in
+/// between starts the count anew.
 pub const DEAF_AFTER: u8 = 3;
 
 /// What is nearer than this any sonar hears that looks at it, in metres.
 const CERTAIN_M: f32 = 1.0;
 
-/// What is nearer than this stands at the sonar's nose, in metres: a receiver that hears its own burst says so, always.
+/// What is nearer than this stands at the sonar's nose, in metres: a receiver that hears its own
+/// burst says so, always.
 const NOSE_M: f32 = 0.05;
 
-/// Farther than this is certainly not at the nose of a sonar that looks there from the same place, in metres.
+/// Farther than this is certainly not at the nose of a sonar that looks there from the same place,
+/// in metres.
 const CLEAR_M: f32 = 0.3;
 
-/// Whether sonars are found out that see something where others see none. A small robot does without: such a sonar keeps it from
-/// moving, and from nothing worse.
+/// Whether sonars are found out that see something where others see none. A small robot does
+/// without: such a sonar keeps it from moving, and from nothing worse.
 const FINDS_BLIND: bool = cfg!(feature = "all-tasks");
 
-/// Directions that the robot tells apart where it looks for deaf sonars: 15° each, a sonar's beam to one side.
+/// Directions that the robot tells apart where it looks for deaf sonars: 15° each, a sonar's beam
+/// to one side.
 const DIRECTIONS: usize = 24;
 
 /// How many maps a robot has of where nothing is near.
 const CLEAR_MAPS: usize = FINDS_BLIND as usize;
 
-/// What was heard counts at a place, and for a time: who drives on or waits looks at something else.
+/// What was heard counts at a place, and for a time: who drives on or waits looks at something
+/// else.
 const PLACE_M: f32 = 0.05;
 const REMEMBERED_US: u32 = 3_000_000;
 
-/// Pings some of its sonars in each occurrence of its slot and collects their answers in the next. Those that would hear each
-/// other ping in different ones ([`firing_windows`]). The slot's period must leave a sonar the time to answer: at least 40 ms.
+/// Pings some of its sonars in each occurrence of its slot and collects their answers in the next.
+/// Those that would hear each other ping in different ones ([`firing_windows`]). The slot's period
+/// must leave a sonar the time to answer: at least 40 ms.
 ///
-/// Of each sonar it publishes its range, how old that is, and whether it is known. What is not known is never far: a sonar
-/// that does not answer has no range ([`Ranges`]). An echo that is missed once changes nothing but the age.
+/// Of each sonar it publishes its range, how old that is, and whether it is known. What is not
+/// known is never far: a sonar that does not answer has no range ([`Ranges`]). An echo that is
+/// missed once changes nothing but the age.
 ///
-/// `faulty` is set while a sonar is dead (it does not answer) or deaf (it answers that nothing is there, where others heard
-/// something, or that something is at its nose, where others heard none); which one, the ranges say. A deaf sonar is found
-/// only where the robot turns on the spot with its `pose` connected, so that one sonar comes to look where another one has
-/// just looked.
+/// `faulty` is set while a sonar is dead (it does not answer) or deaf (it answers that nothing is
+/// there, where others heard something, or that something is at its nose, where others heard none);
+/// which one, the ranges say. A deaf sonar is found only where the robot turns on the spot with its
+/// `pose` connected, so that one sonar comes to look where another one has just looked.
 #[derive(Debug)]
 pub struct SonarRing<T, E, const N: usize = MAX_SONARS> {
     channels: [Channel<T, E>; N],
@@ -83,14 +93,15 @@ pub struct SonarRing<T, E, const N: usize = MAX_SONARS> {
 }
 
 task! {
-    /// Measures with sonars what is around the robot. Those that would hear each other ping in turn, so the
-    /// slot's period is at least 40 ms. What is not known is never far.
+    /// Measures with sonars what is around the robot. Those that would hear each other ping in
+    /// turn, so the slot's period is at least 40 ms. What is not known is never far.
     impl[T: OutputPin + Send, E: EchoTimer + Send, const N: usize] SonarRing<T, E, N> {
         slot 3;
         wcet 600 us;
         endless;
         data {
-            /// Where the robot is. With it, a sonar that hears nothing is found out while the robot turns.
+            /// Where the robot is. With it, a sonar that hears nothing is found out while the robot
+            /// turns.
             in pose: Pose optional within 100 ms;
             /// The range of each sonar, how old it is, and whether it is known.
             out ranges: Ranges;
@@ -108,7 +119,8 @@ pub const fn firing_windows<const N: usize>(bearings: &[Bearing; N]) -> [u8; N] 
     let mut sonar = 0;
     while sonar < N {
         let mut earlier = 0;
-        // A window that is taken gives way to the next, which may be taken by one that was looked at before.
+        // A window that is taken gives way to the next, which may be taken by one that was looked
+        // at before.
         while earlier < sonar {
             let apart = bearings[sonar].eighths_to(bearings[earlier]);
             if apart <= HEARS_EIGHTHS && windows[earlier] == windows[sonar] {
@@ -169,8 +181,8 @@ impl<T: OutputPin, E: EchoTimer> Channel<T, E> {
         self.contradicted >= DEAF_AFTER
     }
 
-    /// Takes the answer to the ping of `age_us` ago. `heard` is what all have heard from here, if the robot knows where that is;
-    /// `bit` is this sonar's among them.
+    /// Takes the answer to the ping of `age_us` ago. `heard` is what all have heard from here, if
+    /// the robot knows where that is; `bit` is this sonar's among them.
     fn collect(&mut self, age_us: u32, bit: u8, heard: Option<&mut Heard>) {
         match self.sonar.answer() {
             Answer::Echo { range_m } => {
@@ -252,7 +264,8 @@ impl Heard {
                 ..Self::NOTHING
             };
         }
-        // Headings lie within half a turn to each side; the cast cuts, so all of them are made positive before.
+        // Headings lie within half a turn to each side; the cast cuts, so all of them are made
+        // positive before.
         let turns = pose.heading_rad / TAU + 1.5;
         self.heading = (turns * DIRECTIONS as f32) as usize;
     }
@@ -273,21 +286,24 @@ impl Heard {
         }
     }
 
-    /// The direction, if others than this sonar have heard that nothing is near there, nor to both sides of it.
+    /// The direction, if others than this sonar have heard that nothing is near there, nor to both
+    /// sides of it.
     fn clear_to_others(&self, bearing: Bearing, bit: u8) -> Option<usize> {
         let direction = self.direction(bearing);
         let known = |clear| known_to_others(clear, direction, bit);
         self.clear.iter().any(known).then_some(direction)
     }
 
-    /// The direction, if others than this sonar have heard something there and to both sides of it: not only an edge.
+    /// The direction, if others than this sonar have heard something there and to both sides of it:
+    /// not only an edge.
     fn by_others(&self, bearing: Bearing, bit: u8) -> Option<usize> {
         let direction = self.direction(bearing);
         known_to_others(&self.by, direction, bit).then_some(direction)
     }
 }
 
-/// Whether others than the sonar of this bit know something of a direction, and of those to both sides of it.
+/// Whether others than the sonar of this bit know something of a direction, and of those to both
+/// sides of it.
 fn known_to_others(known: &[u8; DIRECTIONS], direction: usize, bit: u8) -> bool {
     [DIRECTIONS - 1, 0, 1]
         .into_iter()
@@ -394,7 +410,8 @@ impl<T: OutputPin + Send, E: EchoTimer + Send, const N: usize> Task for SonarRin
     fn step(&mut self, io: &mut Io<'_>) -> Step {
         let pose = io.try_read(Self::POSE).copied();
         self.collect(pose.as_ref(), io.period_us());
-        // Nobody shall act on half a picture: each sonar has been asked twice, so that the second can bear out the first.
+        // Nobody shall act on half a picture: each sonar has been asked twice, so that the second
+        // can bear out the first.
         if self.asked >= 2 * self.windows {
             let ranges = self.ranges();
             io.set(Self::FAULTY, ranges.dead | ranges.deaf != 0);
@@ -608,7 +625,8 @@ mod tests {
         }
     }
 
-    /// A robot that stands, or drives past things, has no reason to doubt a sonar that sees nothing.
+    /// A robot that stands, or drives past things, has no reason to doubt a sonar that sees
+    /// nothing.
     #[test]
     fn a_sonar_that_sees_something_at_its_nose_where_others_see_none_is_told() {
         /// From 3 cm: its own burst.

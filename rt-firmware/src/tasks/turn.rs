@@ -7,9 +7,9 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// It slows down at the end, and never so far that friction would end the turn early: the wheels roll by 1 cm/s then, and
-/// 0.8 mm, 0.008 rad, more when they are to stand: as much as the tolerance, so that it ends at the goal. An encoder count
-/// is 0.0007 rad.
+/// It slows down at the end, and never so far that friction would end the turn early: the wheels
+/// roll by 1 cm/s then, and 0.8 mm, 0.008 rad, more when they are to stand: as much as the
+/// tolerance, so that it ends at the goal. An encoder count is 0.0007 rad.
 const APPROACH: Approach = Approach {
     per_s: 5.0,
     slowest_per_s: 0.1,
@@ -17,8 +17,9 @@ const APPROACH: Approach = Approach {
     standing: 0.001,
 };
 
-/// Turns on the spot by `angle_rad` and finishes when it stands there: to the left if `left` is set, else to the right.
-/// Where it has turned too far, it turns back. As long as it has no pose, it stands.
+/// Turns on the spot by `angle_rad` and finishes when it stands there: to the left if `left` is
+/// set, else to the right. Where it has turned too far, it turns back. As long as it has no pose,
+/// it stands.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Turn {
     /// Heading at the last step, none before the first.
@@ -27,8 +28,8 @@ pub struct Turn {
 }
 
 task! {
-    /// Turns on the spot by `angle_rad`, to half a degree, and finishes when it stands: to the left if `left`
-    /// is set, else to the right. Without a pose it stands.
+    /// Turns on the spot by `angle_rad`, to half a degree, and finishes when it stands: to the left
+    /// if `left` is set, else to the right. Without a pose it stands.
     impl Turn {
         slot 2;
         wcet 300 us;

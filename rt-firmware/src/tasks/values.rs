@@ -1,4 +1,5 @@
-//! What travels over the nets between the shipped tasks, and the robot's measures that several of them need.
+//! What travels over the nets between the shipped tasks, and the robot's measures that several of
+//! them need.
 
 use crate::body::LINE_SENSORS;
 use crate::show::{Field, Show};
@@ -109,32 +110,37 @@ pub struct Reading {
     pub bearing: Bearing,
     /// Free way in metres; none if it is not known.
     pub range_m: Option<f32>,
-    /// Time since the ping that this range is from, in milliseconds; [`Ranges::NEVER_MS`] if there was none.
+    /// Time since the ping that this range is from, in milliseconds; [`Ranges::NEVER_MS`] if there
+    /// was none.
     pub age_ms: u16,
     /// It answers no ping.
     pub dead: bool,
-    /// It answers, but hears nothing where other sonars do, or something at its nose where they hear none.
+    /// It answers, but hears nothing where other sonars do, or something at its nose where they
+    /// hear none.
     pub deaf: bool,
 }
 
 /// Free way around the robot, from its rim, as each of its sonars sees it.
 ///
-/// A range that is not known is 0 here: who reads a number and forgets to ask whether it is known takes
-/// what is unknown for a wall. [`Ranges::FAR_M`] is only where a sonar said that nothing is in its range.
+/// A range that is not known is 0 here: who reads a number and forgets to ask whether it is known
+/// takes what is unknown for a wall. [`Ranges::FAR_M`] is only where a sonar said that nothing is
+/// in its range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ranges {
     /// How many sonars the robot has. What stands behind that many in the rows means nothing.
     pub sonars: u8,
     /// Range of each sonar in metres; 0 where it is not known.
     pub range_m: [f32; MAX_SONARS],
-    /// Age of each range in milliseconds, from its ping on; [`Ranges::NEVER_MS`] where there is none.
+    /// Age of each range in milliseconds, from its ping on; [`Ranges::NEVER_MS`] where there is
+    /// none.
     pub age_ms: [u16; MAX_SONARS],
     /// Bit *i* is set while sonar *i* answers no ping.
     pub dead: u8,
-    /// Bit *i* is set while sonar *i* answers, but hears nothing where other sonars do, or something at its nose
-    /// where they hear none.
+    /// Bit *i* is set while sonar *i* answers, but hears nothing where other sonars do, or
+    /// something at its nose where they hear none.
     pub deaf: u8,
-    /// Where each sonar looks. It never changes while a robot runs, so it is not shown among the values.
+    /// Where each sonar looks. It never changes while a robot runs, so it is not shown among the
+    /// values.
     pub bearings: [Bearing; MAX_SONARS],
 }
 
@@ -142,7 +148,8 @@ pub struct Ranges {
 pub const MAX_SONARS: usize = 8;
 
 impl Ranges {
-    /// The farthest that a sonar hears, in metres. It is the range where one said that nothing is in it.
+    /// The farthest that a sonar hears, in metres. It is the range where one said that nothing is
+    /// in it.
     pub const FAR_M: f32 = 4.0;
 
     /// Age of a range that was never measured.
@@ -169,7 +176,8 @@ impl Ranges {
     /// Age of a range that was never measured, in [`ages_cs`](Self::ages_cs).
     pub const NEVER_CS: u8 = u8::MAX;
 
-    /// Age of each range in hundredths of a second, one below [`NEVER_CS`](Self::NEVER_CS) at most where there is one.
+    /// Age of each range in hundredths of a second, one below [`NEVER_CS`](Self::NEVER_CS) at most
+    /// where there is one.
     pub fn ages_cs(&self) -> [u8; MAX_SONARS] {
         const MS_PER_CS: u16 = 10;
         self.age_ms.map(|age_ms| match age_ms {
@@ -192,7 +200,8 @@ impl Ranges {
         })
     }
 
-    /// The shortest of the ranges of the sonars that look there, 0 where one of them is not known; none where no sonar looks there.
+    /// The shortest of the ranges of the sonars that look there, 0 where one of them is not known;
+    /// none where no sonar looks there.
     fn towards_m(&self, bearing: Bearing) -> Option<f32> {
         let sonars = usize::from(self.sonars);
         (self.bearings.iter().zip(self.range_m).take(sonars))
@@ -201,13 +210,14 @@ impl Ranges {
             .reduce(f32::min)
     }
 
-    /// Free way there, as far as it is known: 0 where a sonar that looks there does not know, and where none looks there.
+    /// Free way there, as far as it is known: 0 where a sonar that looks there does not know, and
+    /// where none looks there.
     pub fn free_m(&self, bearing: Bearing) -> f32 {
         self.towards_m(bearing).unwrap_or(0.0)
     }
 
-    /// As [`free_m`](Self::free_m), but far where no sonar looks there: for directions in which a robot can do without one.
-    /// A sonar that is there and does not know is still no free way.
+    /// As [`free_m`](Self::free_m), but far where no sonar looks there: for directions in which a
+    /// robot can do without one. A sonar that is there and does not know is still no free way.
     pub fn free_unless_seen_m(&self, bearing: Bearing) -> f32 {
         self.towards_m(bearing).unwrap_or(Self::FAR_M)
     }
@@ -242,7 +252,8 @@ impl Ranges {
         self.free_m(Bearing::AheadRight)
     }
 
-    /// The nearest of all, in metres; 0 if one of them is not known, and for a robot without sonars.
+    /// The nearest of all, in metres; 0 if one of them is not known, and for a robot without
+    /// sonars.
     pub fn nearest_m(&self) -> f32 {
         let ranges_m = self.range_m.into_iter().take(self.sonars.into());
         ranges_m.reduce(f32::min).unwrap_or(0.0)
@@ -255,7 +266,8 @@ impl PortType for Ranges {
 
     const FIELDS: &'static str = "range_m:[f32;8]\nage_cs:[u8;8]\ndead:u8\ndeaf:u8\n";
 
-    // Ages in hundredths of a second: four in a word, with which all values of a mission fit into one sample.
+    // Ages in hundredths of a second: four in a word, with which all values of a mission fit into
+    // one sample.
     fn show(&self, show: &mut Show<'_>) {
         self.range_m.show(show);
         self.ages_cs().show(show);
@@ -281,8 +293,8 @@ impl PortType for Battery {
 /// A dark line on the floor, as the sensors ahead of the wheels see it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Line {
-    /// How far to the left of the middle sensor the line is, in micrometres. As long as no sensor sees it: the distance of the outermost
-    /// sensor on the side where it went out of sight.
+    /// How far to the left of the middle sensor the line is, in micrometres. As long as no sensor
+    /// sees it: the distance of the outermost sensor on the side where it went out of sight.
     pub left_um: i16,
     /// How many sensors see it.
     pub dark_sensors: u8,
@@ -375,7 +387,8 @@ mod tests {
         let expected = [(Bearing::Ahead, Some(4.0)), (Bearing::Behind, Some(0.5))];
         assert_eq!(seen, expected);
         assert_eq!((ranges.nearest_m(), ranges.behind_m()), (0.5, 0.5));
-        // Nobody looks to the left: who needs it gets none, who can do without it is not kept from driving.
+        // Nobody looks to the left: who needs it gets none, who can do without it is not kept from
+        // driving.
         assert_eq!(ranges.left_m(), 0.0);
         assert_eq!(ranges.free_unless_seen_m(Bearing::Left), Ranges::FAR_M);
     }

@@ -16,7 +16,8 @@ const PROPORTIONAL_POWER_S_PER_M: f32 = 0.8;
 /// Power for each metre that has been lost by lacking speed.
 const INTEGRAL_POWER_PER_M: f32 = 4.0;
 
-/// The integral never asks for more power than this, or a blocked wheel would jump when it comes free.
+/// The integral never asks for more power than this, or a blocked wheel would jump when it comes
+/// free.
 const INTEGRAL_LIMIT: f32 = 0.5;
 
 /// Slower than this part of its goal a wheel counts as blocked …
@@ -28,13 +29,15 @@ const BLOCKED_GOAL_M_PER_S: f32 = 0.05;
 /// … and it lasts for this long.
 const BLOCKED_AFTER_US: u32 = 800_000;
 
-/// Keeps both wheels at the speeds that a twist asks for: a feed-forward that knows the motors roughly, and a PI controller for the
-/// rest (load, battery, unequal motors). Goals change no faster than the wheels can grip.
+/// Keeps both wheels at the speeds that a twist asks for: a feed-forward that knows the motors
+/// roughly, and a PI controller for the rest (load, battery, unequal motors). Goals change no
+/// faster than the wheels can grip.
 ///
-/// Where nobody has asked for a twist for a while the wheels brake, as fast as they can grip. Where nobody knows how fast they roll, the
-/// motors are off.
+/// Where nobody has asked for a twist for a while the wheels brake, as fast as they can grip. Where
+/// nobody knows how fast they roll, the motors are off.
 ///
-/// `blocked` is set while a wheel does not turn although it is driven, or a motor driver reports a failure.
+/// `blocked` is set while a wheel does not turn although it is driven, or a motor driver reports a
+/// failure.
 #[derive(Debug)]
 pub struct WheelSpeed<LP, LD, RP, RD> {
     left: DrivenWheel<LP, LD>,
@@ -44,8 +47,8 @@ pub struct WheelSpeed<LP, LD, RP, RD> {
 }
 
 task! {
-    /// Keeps both wheels at the speeds that a twist asks for. Where nobody has said how to move for 100 ms, they
-    /// brake. Where nobody knows how fast they roll, the motors are off.
+    /// Keeps both wheels at the speeds that a twist asks for. Where nobody has said how to move for
+    /// 100 ms, they brake. Where nobody knows how fast they roll, the motors are off.
     impl[
         LP: SetDutyCycle + Send, LD: OutputPin + Send, RP: SetDutyCycle + Send, RD: OutputPin + Send
     ] WheelSpeed<LP, LD, RP, RD> {

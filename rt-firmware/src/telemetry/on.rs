@@ -82,7 +82,8 @@ impl Sampler<'_> {
         }
     }
 
-    /// A mission starts. Nets are those of one mission: with another one there are no samples any more.
+    /// A mission starts. Nets are those of one mission: with another one there are no samples any
+    /// more.
     pub(crate) fn started(&mut self, mission: u32) {
         self.due_us = 0;
         if mission != self.mission {
@@ -152,7 +153,8 @@ pub(crate) struct SampleReader<'m> {
 }
 
 impl SampleReader<'_> {
-    /// Samples are wanted, since a request of this number asked for those of the mission of this hash.
+    /// Samples are wanted, since a request of this number asked for those of the mission of this
+    /// hash.
     pub(crate) fn begin(&mut self, number: u8, mission: u32) {
         self.asked = Some((number, mission));
         self.shared.wanted.store(true, Ordering::Relaxed);
@@ -165,7 +167,8 @@ impl SampleReader<'_> {
         self.shared.len.store(0, Ordering::Release);
     }
 
-    /// Reads the sample that is here, or says that no more will come, as `runs` tells which mission does. Returns the number of bytes.
+    /// Reads the sample that is here, or says that no more will come, as `runs` tells which mission
+    /// does. Returns the number of bytes.
     pub(crate) fn read(
         &mut self,
         room: &mut [u8; MAX_STREAM_BYTES],

@@ -1,7 +1,9 @@
-//! The missions that are measured, made from numbers, and the plan that says what is done with each.
+//! The missions that are measured, made from numbers, and the plan that says what is done with
+//! each.
 //!
-//! Each has a panel as its first region, whose task's flags are set from outside. Its first flag changes nothing: it is there so that the interpreter has to
-//! look. The second makes the panel send an event.
+//! Each has a panel as its first region, whose task's flags are set from outside. Its first flag
+//! changes nothing: it is there so that the interpreter has to look. The second makes the panel
+//! send an event.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -272,8 +274,8 @@ fn idle(regions: usize, depth: usize, transitions: usize) -> String {
     text + "}\n"
 }
 
-/// An event that regions of nested states see and wait for in another state than the one that is current, which has as many transitions on an event that
-/// never comes.
+/// An event that regions of nested states see and wait for in another state than the one that is
+/// current, which has as many transitions on an event that never comes.
 fn unheard(regions: usize, depth: usize, transitions: usize) -> String {
     let level = |level: usize| {
         let inside = if level == depth {
@@ -343,7 +345,8 @@ fn deep() -> String {
     text + &panel(&flags, "") + &state(1) + "}\n"
 }
 
-/// A panel with one more transition, under a guard of [`TERMS`] terms that is false, and only the last term makes it so.
+/// A panel with one more transition, under a guard of [`TERMS`] terms that is false, and only the
+/// last term makes it so.
 fn guarded(row: &str) -> String {
     let names: Vec<String> = (1..=TERMS).map(|term| format!("a{term}")).collect();
     let flags: Vec<&str> = names.iter().map(String::as_str).collect();
@@ -385,7 +388,8 @@ fn guarded(row: &str) -> String {
     text + "}\n"
 }
 
-/// The same with no flag but those of the terms. The first one is changed all the time, and the last one never.
+/// The same with no flag but those of the terms. The first one is changed all the time, and the
+/// last one never.
 fn guarded_few(flags: &[&str], guarded: bool) -> String {
     let declared: String = flags
         .iter()
@@ -424,7 +428,8 @@ mod tests {
     fn idle_missions_have_the_regions_and_transitions_that_their_rows_say() {
         for (regions, depth, transitions) in shapes().filter(|(regions, ..)| *regions <= 4) {
             let row = format!("{regions} {depth} {transitions}");
-            // Templates: each level but the first once, whatever uses it; and the panel with its region.
+            // Templates: each level but the first once, whatever uses it; and the panel with its
+            // region.
             let templates = regions + depth - 1 + 1;
             let (found, of_idle) = counts(&idle(regions, depth, transitions));
             assert_eq!(found, regions * depth + 1, "{row}");

@@ -1,4 +1,5 @@
-//! The default board in the emulator with a firmware that measures itself, driven over its serial line.
+//! The default board in the emulator with a firmware that measures itself, driven over its serial
+//! line.
 
 use std::fs;
 use std::io;
@@ -15,7 +16,9 @@ const UART_SOCKET: &str = "uart0";
 /// What the firmware prints, in the emulator's folder.
 const CONSOLE: &str = "console";
 
-/// QEMU with a firmware, without anything to see: `machine` is its name for the board, an instruction takes two to the power of `shift` nanoseconds, and the firmware's files are in `folder`.
+/// QEMU with a firmware, without anything to see: `machine` is its name for the board, an
+/// instruction takes two to the power of `shift` nanoseconds, and the firmware's files are in
+/// `folder`.
 pub fn emulator(machine: &str, shift: u32, firmware: &Path, folder: &Path) -> Command {
     let mut command = Command::new(host_tools::qemu::QEMU);
     command

@@ -1,4 +1,5 @@
-//! Running the programs that are measured: on the host under callgrind and against the clock, on the emulated Cortex-M4.
+//! Running the programs that are measured: on the host under callgrind and against the clock, on
+//! the emulated Cortex-M4.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -53,7 +54,8 @@ impl Measured {
         }
     }
 
-    /// Reads what a program printed. `amounts` says what a row took, by its place among the rows and the numbers behind its events.
+    /// Reads what a program printed. `amounts` says what a row took, by its place among the rows
+    /// and the numbers behind its events.
     ///
     /// # Errors
     /// The line that is neither a row nor told numbers.
@@ -76,7 +78,8 @@ impl Measured {
                         told(words).ok_or_else(|| format!("no numbers: {line}"))?;
                     measured.told.insert(name, numbers);
                 }
-                // The emulator and the kernel of the emulated board remark this and that; what ends a program early says so at the end of its output.
+                // The emulator and the kernel of the emulated board remark this and that; what ends
+                // a program early says so at the end of its output.
                 _ => return Err(format!("the program says: {line}")),
             }
         }
@@ -149,7 +152,8 @@ pub fn nanoseconds(program: &Path, folder: &Path) -> Result<Measured, String> {
 /// # Errors
 /// What the program or the system says.
 pub fn host_instructions(program: &Path, folder: &Path) -> Result<Measured, String> {
-    // Callgrind numbers its files in the order of the calls, and the program prints a row before each.
+    // Callgrind numbers its files in the order of the calls, and the program prints a row before
+    // each.
     let counts = folder.join("callgrind");
     let output = output(
         Command::new("valgrind")
@@ -170,7 +174,8 @@ pub fn host_instructions(program: &Path, folder: &Path) -> Result<Measured, Stri
     Measured::read(&String::from_utf8_lossy(&output.stdout), total)
 }
 
-/// Nanoseconds that an instruction takes in the emulator, as a power of two: 25.6 ticks of the board's timer.
+/// Nanoseconds that an instruction takes in the emulator, as a power of two: 25.6 ticks of the
+/// board's timer.
 const SHIFT: u32 = 10;
 /// Nanoseconds that a tick of the board's timer takes.
 const TICK_NS: u64 = 40;

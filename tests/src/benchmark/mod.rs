@@ -1,5 +1,6 @@
-//! What `cargo xtask bench` measures and tells: missions of many shapes ([`charts`]), running the programs that drive them ([`measured`]), swaps in a firmware ([`swap`], on an [`emulated`] board), and the report, with
-//! what is promised of its figures ([`limits`]).
+//! What `cargo xtask bench` measures and tells: missions of many shapes ([`charts`]), running the
+//! programs that drive them ([`measured`]), swaps in a firmware ([`swap`], on an [`emulated`]
+//! board), and the report, with what is promised of its figures ([`limits`]).
 
 pub mod charts;
 pub mod emulated;

@@ -41,7 +41,8 @@ pub struct Interpreting {
 }
 
 impl Interpreting {
-    /// Whether it performs what a chart says, actions and initial states included. The simulator of scxml does not.
+    /// Whether it performs what a chart says, actions and initial states included. The simulator of
+    /// scxml does not.
     fn performs(&self) -> bool {
         self.row != "scxml"
     }
@@ -51,7 +52,8 @@ impl Interpreting {
 pub struct Swap {
     /// The mission that it leads to.
     pub mission: String,
-    /// Of the link: from the last byte of the request to the mission's being handed over, its check included.
+    /// Of the link: from the last byte of the request to the mission's being handed over, its check
+    /// included.
     pub link: f64,
     /// Of the interpreter's slot: until the first macro step is over.
     pub slot: f64,
@@ -93,7 +95,8 @@ pub struct Report {
     pub settings: [Setting; 4],
     /// The first three of these with reads that are checked, as far as [`CHECKED`] needs them.
     pub checked: [Setting; 3],
-    /// Bytes of a program with interpreter and verifier whose reads are checked, for speed and for size.
+    /// Bytes of a program with interpreter and verifier whose reads are checked, for speed and for
+    /// size.
     pub checked_interpreter: [u32; 2],
     /// The engines, of which the first does nothing.
     pub engines: Vec<Engine>,
@@ -159,12 +162,14 @@ impl Idle {
         ))
     }
 
-    /// What the first region adds, with all that is in it: for a pulse at rest, the whole macro step.
+    /// What the first region adds, with all that is in it: for a pulse at rest, the whole macro
+    /// step.
     fn first(self, measured: &Measured, depth: usize, transitions: usize) -> Option<f64> {
         Some(self.took(measured, 1, depth, transitions)? - measured.event(self.without())?)
     }
 
-    /// The most that one further region adds, side by side or inside: each level of a nested one is a region.
+    /// The most that one further region adds, side by side or inside: each level of a nested one is
+    /// a region.
     fn further(self, measured: &Measured, depth: usize, transitions: usize) -> Option<f64> {
         let mut most: Option<f64> = None;
         let mut add = |more: f64, regions: usize| {
@@ -304,7 +309,8 @@ impl Report {
             Bound::AtLeast(20.0),
             self.settings[3].measured.event(OURS).map(|ns| 1e3 / ns),
         );
-        // Where no other one could be measured, the table of engines says why, and the promise is one that nobody knows to hold.
+        // Where no other one could be measured, the table of engines says why, and the promise is
+        // one that nobody knows to hold.
         promise(
             "host: times as fast as the fastest other interpreting engine".to_owned(),
             Bound::AtLeast(10.0),
@@ -357,7 +363,8 @@ impl Report {
         tables
     }
 
-    /// What an event of a row takes, in each setting, less what one of another row does: the harness, or the same with less to do.
+    /// What an event of a row takes, in each setting, less what one of another row does: the
+    /// harness, or the same with less to do.
     fn net(&self, row: &str, less: &str) -> Vec<String> {
         let of = |setting: &Setting| {
             let net = setting.measured.difference(row, less);
@@ -710,7 +717,8 @@ impl Report {
     }
 }
 
-/// Events a second on the host: of compiled engines, by row and name, of ours, and of others that read a chart when they start.
+/// Events a second on the host: of compiled engines, by row and name, of ours, and of others that
+/// read a chart when they start.
 pub fn speed(time: &Measured, compiled: &[(&str, String)], interpreting: &[Interpreting]) -> Table {
     let ours = time.event(OURS);
     let row = |name: &str, what: &str, measured: &Measured, row: &str| {

@@ -1,4 +1,5 @@
-//! Swaps through the firmware: `boards/lm3s6965/src/bin/bench_swap.rs` measures them, told over its serial line what to swap to.
+//! Swaps through the firmware: `boards/lm3s6965/src/bin/bench_swap.rs` measures them, told over its
+//! serial line what to swap to.
 
 use std::path::Path;
 
@@ -36,7 +37,8 @@ pub fn measure(firmware: &Path) -> Result<Vec<Swap>, String> {
     swaps(&printed).ok_or_else(|| format!("the firmware says:\n{printed}"))
 }
 
-/// What the firmware told: a line for each mission that began, of which every second one is measured.
+/// What the firmware told: a line for each mission that began, of which every second one is
+/// measured.
 fn swaps(printed: &str) -> Option<Vec<Swap>> {
     let told: Vec<(f64, f64)> = printed
         .lines()

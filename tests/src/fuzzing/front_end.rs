@@ -11,7 +11,8 @@ use host_tools::time::work_limit;
 
 use super::Chosen;
 
-/// A line that starts with this begins the next file of the set; the rest of the line is its path. Files without it are one file.
+/// A line that starts with this begins the next file of the set; the rest of the line is its path.
+/// Files without it are one file.
 pub const FILE_MARK: &str = "//// ";
 
 /// Path of the first file.
@@ -20,7 +21,8 @@ const FIRST_PATH: &str = "main.esm";
 /// How long start times are searched for. Found or not, nothing else depends on it.
 const LAY_OUT_LIMIT: Duration = Duration::from_millis(20);
 
-/// Missions with more containers or transitions are not drawn: that takes long, and shows nothing new.
+/// Missions with more containers or transitions are not drawn: that takes long, and shows nothing
+/// new.
 const MAX_DRAWN_CONTAINERS: usize = 6;
 const MAX_DRAWN_TRANSITIONS: usize = 60;
 
@@ -30,7 +32,8 @@ const MAX_LAID_OUT_BYTES: usize = 8_192;
 /// Start times are searched for up to so many slots.
 const MAX_SLOTS: usize = 12;
 
-/// Checks the bytes, renders what was found, and compiles what is right. What takes long is done with one input in some.
+/// Checks the bytes, renders what was found, and compiles what is right. What takes long is done
+/// with one input in some.
 ///
 /// # Panics
 /// Where a law does not hold.
@@ -153,7 +156,8 @@ fn check_place(checked: &Checked, span: Span) {
     assert!(text.is_some(), "{span:?} cuts a character");
 }
 
-/// Files that are laid out mean what they meant before, get the same messages, and stay as they are when they are laid out again.
+/// Files that are laid out mean what they meant before, get the same messages, and stay as they are
+/// when they are laid out again.
 fn check_layout(files: &[(&str, &[u8])], checked: &Checked) {
     // Of a file that nobody uses, nothing was said.
     let is_in_set = |path: &str| checked.files.iter().any(|file| file.path == path);
@@ -183,7 +187,8 @@ fn check_layout(files: &[(&str, &[u8])], checked: &Checked) {
     assert_eq!(compiled(checked), compiled(&after), "it means the same");
 }
 
-/// The blob of files without errors, as if all slots started at 0; none where there is one error or too much of something.
+/// The blob of files without errors, as if all slots started at 0; none where there is one error or
+/// too much of something.
 fn compiled(checked: &Checked) -> Option<Vec<u8>> {
     let model = checked.model.as_ref()?;
     compile::compile(model, &vec![0; model.slots.len()]).ok()

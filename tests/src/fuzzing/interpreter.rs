@@ -14,10 +14,12 @@ use super::watched;
 /// Macro steps that a machine is run for.
 const STEPS: usize = 12;
 
-/// How many of all machines from source are [`SMALL`]: the others take ten times as long, and few things need them.
+/// How many of all machines from source are [`SMALL`]: the others take ten times as long, and few
+/// things need them.
 const SMALL_PERCENT: usize = 95;
 
-/// Machines whose blobs are changed, by their seeds: small enough that a change hits something that matters.
+/// Machines whose blobs are changed, by their seeds: small enough that a change hits something that
+/// matters.
 const MACHINES: u64 = 24;
 const MAX_BLOB_BYTES: usize = 4_000;
 
@@ -26,8 +28,9 @@ const FROM_SOURCE_PERCENT: usize = 40;
 
 /// Lets bytes decide about a machine, and about what happens to it, and runs it.
 ///
-/// Either they write an `.esm` file without errors, which is compiled, run through a scenario as `esm sim` does, and compared with the reference;
-/// or they change records of a blob. If the verifier lets that pass, it is a machine like any other.
+/// Either they write an `.esm` file without errors, which is compiled, run through a scenario as
+/// `esm sim` does, and compared with the reference; or they change records of a blob. If the
+/// verifier lets that pass, it is a machine like any other.
 ///
 /// # Panics
 /// Where a law does not hold.

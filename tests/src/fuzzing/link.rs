@@ -1,4 +1,5 @@
-//! A robot whose line brings anything: with a flash for missions, parameters and a key, with a memory that outlasts resets, and with an owner who has a key.
+//! A robot whose line brings anything: with a flash for missions, parameters and a key, with a
+//! memory that outlasts resets, and with an owner who has a key.
 
 use std::collections::VecDeque;
 use std::sync::OnceLock;
@@ -37,11 +38,13 @@ const BLOB_BYTES: usize = 2_048;
 const ARENA_WORDS: usize = 64;
 const SLOTS: usize = 4;
 
-/// Greatest number of times that the timer comes before a request is answered. One comes to answer it; some more are for a swap.
+/// Greatest number of times that the timer comes before a request is answered. One comes to answer
+/// it; some more are for a swap.
 const TIMER_CALLS_TO_AN_ANSWER: usize = 8;
 
-/// How often a request of the good client may be sent. The first answers can be [`LinkError::Busy`], of a request before that is still under way: a start
-/// or a swap waits for the interpreter's next occurrence, and an occurrence passes between two sendings.
+/// How often a request of the good client may be sent. The first answers can be
+/// [`LinkError::Busy`], of a request before that is still under way: a start or a swap waits for
+/// the interpreter's next occurrence, and an occurrence passes between two sendings.
 const SENDINGS: usize = 12;
 
 /// What the input's first bytes say of those after them.
@@ -336,7 +339,8 @@ impl Subject<'_, '_, '_> {
         }
     }
 
-    /// Does what the bytes say, up to the robot's next start. Returns why it starts, and the bytes behind that.
+    /// Does what the bytes say, up to the robot's next start. Returns why it starts, and the bytes
+    /// behind that.
     fn suffer<'b>(&mut self, mut bytes: &'b [u8]) -> Option<(u8, &'b [u8])> {
         while let [kind, count, rest @ ..] = bytes {
             let length = usize::from(*count);
@@ -461,7 +465,8 @@ impl Subject<'_, '_, '_> {
             .extend(framed(&ToDevice { seq, request }));
     }
 
-    /// Asks as a good client does, and reads the answer. Refused with `Busy` it asks anew, which must have an end.
+    /// Asks as a good client does, and reads the answer. Refused with `Busy` it asks anew, which
+    /// must have an end.
     fn try_ask<T>(
         &mut self,
         request: Request<'_>,
@@ -589,7 +594,8 @@ impl Subject<'_, '_, '_> {
             _ => NO_UPLOAD,
         };
         let request = &held(request)[..];
-        // One `TooSoon` lasts for a second at most, of which each call of the timer is some milliseconds.
+        // One `TooSoon` lasts for a second at most, of which each call of the timer is some
+        // milliseconds.
         for _ in 0..SENDINGS {
             let now_us = self.ask(Request::Clock, |response| match response {
                 Response::Clock { now_us } => Some(now_us),
@@ -620,7 +626,8 @@ impl Subject<'_, '_, '_> {
         }
     }
 
-    /// A good client greets the robot, ends what it finds, uploads a mission, starts it, changes and keeps a parameter.
+    /// A good client greets the robot, ends what it finds, uploads a mission, starts it, changes
+    /// and keeps a parameter.
     fn is_recovered(&mut self) -> u32 {
         self.wire.room = usize::MAX;
         self.poll();
@@ -640,7 +647,8 @@ impl Subject<'_, '_, '_> {
         if access == Access::Locked {
             self.open_session();
         }
-        // What was suffered may have been an emergency stop, which lasts until it is released, or a mission on trial, which leaves no room for another.
+        // What was suffered may have been an emergency stop, which lasts until it is released, or a
+        // mission on trial, which leaves no room for another.
         self.command(access, Request::Release, done)
             .unwrap_or_else(|error| panic!("no release: {error:?}"));
         let status = self.status();
@@ -804,7 +812,8 @@ impl Subject<'_, '_, '_> {
 /// A value of the mission's parameter that is not the mission's own.
 const LIMIT: u32 = 7;
 
-/// Of values, a part is a whole sample, with as many words as nets have values, and what is on them is what lamps write.
+/// Of values, a part is a whole sample, with as many words as nets have values, and what is on them
+/// is what lamps write.
 fn check(part: &Stream<'_>) {
     if part.channel != Channel::Values {
         return;
@@ -853,12 +862,14 @@ fn sign_mission(counter: u64) -> [u8; SIGNATURE_BYTES] {
     owner().sign(&access::upload(&SALT, &counter.to_le_bytes(), mission()))
 }
 
-/// Lets anything come over the line of a robot, over as many of its starts as it may; then a good client greets it, uploads a mission and starts it, changes and
-/// keeps a parameter, stops it for an emergency; and then it is switched off and on.
+/// Lets anything come over the line of a robot, over as many of its starts as it may; then a good
+/// client greets it, uploads a mission and starts it, changes and keeps a parameter, stops it for
+/// an emergency; and then it is switched off and on.
 ///
 /// # Panics
-/// Where the robot does not answer that client within a few occurrences of its slots, or sends what is no message; where it does what comes too late; where it does
-/// not do what it is asked to, or has not kept what it said that it kept.
+/// Where the robot does not answer that client within a few occurrences of its slots, or sends what
+/// is no message; where it does what comes too late; where it does not do what it is asked to, or
+/// has not kept what it said that it kept.
 pub fn link(bytes: &[u8]) {
     let flash = Flash::blank(flash_bytes(BLOB_BYTES as u32, ERASE_BYTES as u32));
     let mut kept = Kept::new();
@@ -1125,7 +1136,8 @@ pub fn sessions() -> Vec<Seed> {
     seeds
 }
 
-/// The message in a frame that is shorter than the longest stretch without a 0 that COBS has a number for.
+/// The message in a frame that is shorter than the longest stretch without a 0 that COBS has a
+/// number for.
 fn plain(frame: &[u8]) -> Vec<u8> {
     let mut message = Vec::new();
     let mut rest = frame;

@@ -1,7 +1,9 @@
-//! What fuzzers drive: one function a target, which takes any bytes and panics if a law does not hold.
+//! What fuzzers drive: one function a target, which takes any bytes and panics if a law does not
+//! hold.
 //!
-//! `cargo xtask fuzz` runs them under libFuzzer, which watches which code an input reaches and keeps what is new; the ordinary test `fuzzing` runs
-//! them over the seeds and over changed copies of these, for a few seconds and with no tool but cargo. Either way it is the same function.
+//! `cargo xtask fuzz` runs them under libFuzzer, which watches which code an input reaches and
+//! keeps what is new; the ordinary test `fuzzing` runs them over the seeds and over changed copies
+//! of these, for a few seconds and with no tool but cargo. Either way it is the same function.
 //!
 //! | target | takes | holds |
 //! |---|---|---|
@@ -11,7 +13,8 @@
 //! | [`link`](fn@link) | what comes over a robot's line, over its starts | nothing but messages comes back, and afterwards a good client, who may need his key, can do all that one can |
 //! | [`round_trip`](fn@round_trip) | a mission, or decisions about a machine | a blob comes back as source that makes the same blob |
 //!
-//! Bytes that go wrong are a file; see the chapter on robustness in the book for how to run it again.
+//! Bytes that go wrong are a file; see the chapter on robustness in the book for how to run it
+//! again.
 
 pub mod front_end;
 pub mod interpreter;
@@ -30,7 +33,8 @@ pub use link::link;
 pub use round_trip::round_trip;
 pub use verifier::verifier;
 
-/// Which of the costly laws are held for an input: the bits of a number that follows from its bytes, so that a run can be repeated.
+/// Which of the costly laws are held for an input: the bits of a number that follows from its
+/// bytes, so that a run can be repeated.
 #[derive(Clone, Copy, Debug)]
 struct Chosen(u32);
 
@@ -39,7 +43,8 @@ impl Chosen {
         Chosen(esm_core::format::crc32(bytes))
     }
 
-    /// True for one in `of` inputs. Different places in the number are chosen independently of each other.
+    /// True for one in `of` inputs. Different places in the number are chosen independently of each
+    /// other.
     fn one_in(self, of: u32, place: u32) -> bool {
         (self.0 >> place).is_multiple_of(of)
     }

@@ -4,7 +4,8 @@ use std::sync::OnceLock;
 
 use crate::random::Random;
 
-/// The words of the language, in the form in which libFuzzer takes a dictionary: each in double quotes on a line of its own, `\"` for a quote.
+/// The words of the language, in the form in which libFuzzer takes a dictionary: each in double
+/// quotes on a line of its own, `\"` for a quote.
 const DICTIONARY: &str = include_str!("../../../fuzz/esm.dict");
 
 /// No changed copy is longer.

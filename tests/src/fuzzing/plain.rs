@@ -1,7 +1,9 @@
-//! What a verified blob means, by its tables alone: every region that is active is looked at for every event, every guard is worked out, and nothing is skipped.
+//! What a verified blob means, by its tables alone: every region that is active is looked at for
+//! every event, every guard is worked out, and nothing is skipped.
 //!
-//! It is slow, and shares with the interpreter the decoder of records and nothing else. So it is held against it on tables that no source makes, and on times that no scenario
-//! asks for; whether tables say what their source means is for [`reference`](mod@crate::reference) to tell.
+//! It is slow, and shares with the interpreter the decoder of records and nothing else. So it is
+//! held against it on tables that no source makes, and on times that no scenario asks for; whether
+//! tables say what their source means is for [`reference`](mod@crate::reference) to tell.
 
 use std::collections::VecDeque;
 
@@ -166,7 +168,8 @@ impl<'a> Plain<'a> {
         region.first_flag + state.first_flag
     }
 
-    /// Runs the timers of all that is active. The language runs each when its region instance is looked at; who is left before takes its flag with it, so that nobody can tell.
+    /// Runs the timers of all that is active. The language runs each when its region instance is
+    /// looked at; who is left before takes its flag with it, so that nobody can tell.
     fn run_timers(&mut self) {
         let tables = self.tables;
         let mut at = 0;

@@ -1,7 +1,8 @@
 //! A blob taken apart, changed record by record, and put together again.
 //!
-//! A changed byte is mostly refused for its CRC, and with that made right for a length that no longer fits. Changes of whole fields and
-//! records get far deeper: to tables that are wrong in meaning, and to tables that are right and that no compiler would write.
+//! A changed byte is mostly refused for its CRC, and with that made right for a length that no
+//! longer fits. Changes of whole fields and records get far deeper: to tables that are wrong in
+//! meaning, and to tables that are right and that no compiler would write.
 
 use esm_core::format::{CRC_BYTES, MAGIC, NONE, Section, crc32};
 
@@ -15,7 +16,8 @@ const RECORD_BYTES: [usize; SECTIONS] = [
     10, 16, 16, 4, 16, 8, 4, 4, 12, 8, 8, 4, 20, 1, 8, 4, 10, 2, 8, 1,
 ];
 
-/// Sections in which a changed number often means another machine, and not only a broken one: these are changed more often.
+/// Sections in which a changed number often means another machine, and not only a broken one: these
+/// are changed more often.
 const FREE: [Section; 11] = [
     Section::Mission,
     Section::Slots,

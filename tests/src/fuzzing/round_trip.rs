@@ -23,14 +23,16 @@ const SOURCE_LIMIT: Duration = Duration::from_secs(10);
 /// More slots than that are another matter than the way from a blob to source.
 const MAX_SLOTS: usize = 8;
 
-/// States are called by their paths in smaller blobs: those of nested containers are as many as they are long.
+/// States are called by their paths in smaller blobs: those of nested containers are as many as
+/// they are long.
 const MAX_NAMED_BYTES: usize = 16_000;
 
 /// Longer texts take long to compile twice.
 const MAX_TEXT_BYTES: usize = 8_000;
 
-/// Compiles a mission, gives the blob back as source, and compiles that. The mission is in the bytes, if they are a set of files without errors; else the
-/// bytes decide how a random machine is made. Whether its names stay follows from the bytes, too.
+/// Compiles a mission, gives the blob back as source, and compiles that. The mission is in the
+/// bytes, if they are a set of files without errors; else the bytes decide how a random machine is
+/// made. Whether its names stay follows from the bytes, too.
 ///
 /// # Panics
 /// Where a law does not hold.
@@ -89,7 +91,8 @@ pub fn round_trip(bytes: &[u8]) {
 
 /// The model of files without errors and with a machine, and the starts of its slots.
 fn right(files: &[(&str, &[u8])]) -> Option<(Model, Vec<u32>)> {
-    // Most bytes are decisions: the front end need not look for all that is wrong with them as a text.
+    // Most bytes are decisions: the front end need not look for all that is wrong with them as a
+    // text.
     if files.iter().any(|(_, bytes)| !bytes.contains(&b'{')) {
         return None;
     }

@@ -1,7 +1,8 @@
 //! Where fuzzing starts: small inputs that reach much.
 //!
-//! Those that can be made are made here, and lie in `fuzz/corpus/<target>/` for fuzzers to read; `ESM_BLESS=1 cargo test -p esm-tests --test fuzzing` writes
-//! them again. What else lies there was written by hand.
+//! Those that can be made are made here, and lie in `fuzz/corpus/<target>/` for fuzzers to read;
+//! `ESM_BLESS=1 cargo test -p esm-tests --test fuzzing` writes them again. What else lies there was
+//! written by hand.
 
 use std::path::PathBuf;
 
@@ -65,7 +66,8 @@ pub fn all(target: &str) -> Vec<Seed> {
     seeds
 }
 
-/// [`missions`], and the smallest wrong file that the collection in `tests/cases` has for each code.
+/// [`missions`], and the smallest wrong file that the collection in `tests/cases` has for each
+/// code.
 pub fn texts() -> Vec<Seed> {
     let mut texts = missions();
     for code in Code::ALL {

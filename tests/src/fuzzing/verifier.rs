@@ -22,7 +22,8 @@ const OCCURRENCES: usize = 64;
 /// Slots that a dispatcher is tried with.
 const SLOTS: usize = 64;
 
-/// Verifies the bytes as they are, and with magic and CRC made right; takes everything from what passes, and runs it.
+/// Verifies the bytes as they are, and with magic and CRC made right; takes everything from what
+/// passes, and runs it.
 ///
 /// # Panics
 /// Where a law does not hold.
@@ -53,7 +54,8 @@ fn judge(bytes: &[u8]) {
             if texts::check(&verified.tables()).is_ok() {
                 read_as_tools_do(&verified);
             }
-            // What happens to the machine follows from the blob, so that the same bytes do the same.
+            // What happens to the machine follows from the blob, so that the same bytes do the
+            // same.
             let mut random = Random::new(u64::from(verified.hash()));
             watched::run(verified, &mut random, STEPS);
         }
@@ -78,7 +80,8 @@ fn read_as_tools_do(verified: &Verified<Vec<u8>>) {
     assert_eq!(is_nameless, verified.tables().names().is_none());
 }
 
-/// Reads every record, and what every index in it stands for. Each must be there: that is what passing means.
+/// Reads every record, and what every index in it stands for. Each must be there: that is what
+/// passing means.
 pub fn read_everywhere(tables: &Tables<'_>) {
     let slots = tables.slots().len();
     assert!(tables.slot(tables.interpreter_slot()).is_some());
@@ -177,7 +180,8 @@ fn read_region(tables: &Tables<'_>, region: usize, first_state: usize) -> usize 
     }
 }
 
-/// Reads the guard of a transition: it asks for flags of its own, and jumps lead ahead and no farther than to the end.
+/// Reads the guard of a transition: it asks for flags of its own, and jumps lead ahead and no
+/// farther than to the end.
 fn read_guard(tables: &Tables<'_>, transition: usize, source: &State) {
     let window = source.flags.min(usize::from(WINDOW_FLAGS));
     match tables.guard_of(transition).expect("a guard") {
@@ -267,7 +271,8 @@ fn read_task_instance(tables: &Tables<'_>, index: usize) {
     }
 }
 
-/// Hands out occurrences of the slots: in the order of their starts, each in its period, none at the time of another that lasts.
+/// Hands out occurrences of the slots: in the order of their starts, each in its period, none at
+/// the time of another that lasts.
 pub fn dispatch(tables: &Tables<'_>) {
     let Ok(mut dispatcher) = Dispatcher::<SLOTS>::new(tables.slots()) else {
         assert!(

@@ -1,10 +1,12 @@
-//! A machine that runs, watched from inside: laws that hold for every table that passed the verifier, whoever wrote it.
+//! A machine that runs, watched from inside: laws that hold for every table that passed the
+//! verifier, whoever wrote it.
 //!
-//! The watcher keeps its own account of what is current and what is enabled, from nothing but what the observer is told, and holds it
-//! against the interpreter after each macro step:
+//! The watcher keeps its own account of what is current and what is enabled, from nothing but what
+//! the observer is told, and holds it against the interpreter after each macro step:
 //!
-//! - A transition is taken from the state that is current, in a region that is active, to a state of the same region. In one micro step regions act in
-//!   their order, and nothing inside a superstate acts after that was left.
+//! - A transition is taken from the state that is current, in a region that is active, to a state
+//!   of the same region. In one micro step regions act in their order, and nothing inside a
+//!   superstate acts after that was left.
 //! - The first event of a macro step is the pulse, no other one is, and there are at most 255.
 //! - A real-time task is enabled only while its state is current, and none is after a fault.
 //! - What is outside a task's own flags, or outside the tables, cannot be changed from outside.
@@ -25,7 +27,8 @@ use super::plain::Plain;
 /// Words lent to the interpreter beyond what it needs; it must leave them alone.
 const SURPLUS_WORDS: usize = 2;
 
-/// Occurrences that pass unseen at once are mostly few; now and then as many as there can be. A robot is in its safe state long before.
+/// Occurrences that pass unseen at once are mostly few; now and then as many as there can be. A
+/// robot is in its safe state long before.
 const MANY_SKIPPED: usize = 1 << 16;
 
 /// Runs a machine for some macro steps, with random things happening in between.
@@ -148,7 +151,8 @@ enum Change {
 
 impl Change {
     fn random(tables: &Tables<'_>, random: &mut Random) -> Self {
-        // Now and then a task or flag that does not exist: a caller's mistake must not reach another's memory.
+        // Now and then a task or flag that does not exist: a caller's mistake must not reach
+        // another's memory.
         let task = random.below(tables.task_instance_count() + 2);
         match random.below(8) {
             0..=2 => Change::Flag {
@@ -427,7 +431,8 @@ impl Observer for Watch<'_> {
         let of = |state| self.tables.region_of_state(state);
         assert_eq!(of(source), of(transition.target));
         assert_eq!(transition.event == PULSE, taken.micro == 0);
-        // What was inside the state that was left does not see this event, nor does what is inside the one that was entered.
+        // What was inside the state that was left does not see this event, nor does what is inside
+        // the one that was entered.
         self.from_region = here.next;
         self.enter(region, transition.target);
         self.taken.push(taken);

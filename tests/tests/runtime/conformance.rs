@@ -1,5 +1,6 @@
-//! The vectors in `tests/conformance/link.txt`, which other clients of the link are tested against: made here from the firmware's own end, and
-//! compared with what it does today. `ESM_BLESS=1` writes them again.
+//! The vectors in `tests/conformance/link.txt`, which other clients of the link are tested against:
+//! made here from the firmware's own end, and compared with what it does today. `ESM_BLESS=1`
+//! writes them again.
 
 use std::fmt::Write;
 
@@ -1020,7 +1021,8 @@ impl Exchange<'_, '_, '_, '_, '_> {
         last.into_iter().next().unwrap().to_vec()
     }
 
-    /// What the firmware was built with, which a client asks for once a session, before the first request that may have the robot write its flash.
+    /// What the firmware was built with, which a client asks for once a session, before the first
+    /// request that may have the robot write its flash.
     fn features(&mut self) {
         if !self.knows_features {
             self.ask(Request::Features);
@@ -1028,7 +1030,8 @@ impl Exchange<'_, '_, '_, '_, '_> {
         }
     }
 
-    /// A request that is good for as long as a client waits for its answer, by the robot's clock, for which it asks.
+    /// A request that is good for as long as a client waits for its answer, by the robot's clock,
+    /// for which it asks.
     fn in_time(&mut self, request: Request<'_>) -> Vec<u8> {
         const PATIENCE_US: u64 = 6_000_000;
         if matches!(request, Request::Commit(_)) {
@@ -1392,7 +1395,8 @@ fn write_exchanges_with_keys(text: &mut String) {
         line.challenge();
         line.ask(signed);
         line.pass_us(1_000_000);
-        // An upload that its owner commits without having signed it; one with the number of the last; one of other bytes.
+        // An upload that its owner commits without having signed it; one with the number of the
+        // last; one of other bytes.
         line.stage(&blob);
         line.ask(Request::Commit(Swap::default()));
         line.ask_signed(&test_key(), &NO_UPLOAD, &commit);

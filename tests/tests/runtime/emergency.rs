@@ -24,7 +24,8 @@ fn with_counting_robot(test: impl Fn(&mut Bench<'_, '_, '_>)) {
     }
 }
 
-/// Lets the robot run: nothing moves, and the motors are switched off anew before each exchange with the body.
+/// Lets the robot run: nothing moves, and the motors are switched off anew before each exchange
+/// with the body.
 fn assert_stands_still(robot: &mut Bench<'_, '_, '_>) {
     robot.board.off_at_exchanges.clear();
     let mut before = robot.board.motors_off;
@@ -43,7 +44,8 @@ fn an_emergency_stop_switches_the_motors_off_before_the_next_exchange_of_any_slo
         robot.board.motors_off = 0;
         let frame = robot.frame(Request::EmergencyStop);
         robot.wire.to_robot.extend(frame);
-        // The link's turn alone: the timer's interrupt is still to come, and it is not one of the interpreter's slot.
+        // The link's turn alone: the timer's interrupt is still to come, and it is not one of the
+        // interpreter's slot.
         let answers = robot.exchange();
         assert_eq!(answers, [(robot.last_number(), Ok(Answer::Done))]);
         assert_eq!(robot.status().mode, Mode::EmergencyStopped);

@@ -1,4 +1,5 @@
-//! Missions are exchanged before the macro step that is the next one's first: what happens in between, and what is refused before.
+//! Missions are exchanged before the macro step that is the next one's first: what happens in
+//! between, and what is refused before.
 
 use esm_link::message::{Capacity, LinkError, Mode, Request, Swap};
 
@@ -7,12 +8,14 @@ use crate::robot::{Answer, Bench, TICKS_PER_US, with_robot};
 use crate::warm::listening;
 use crate::{SLOTS, counting};
 
-/// The last occurrence of any slot before the macro step at 50 ms, and how long before that step the missions are exchanged.
+/// The last occurrence of any slot before the macro step at 50 ms, and how long before that step
+/// the missions are exchanged.
 const LAST_US: u64 = 47_000;
 const CHANGED_US: u64 = 48_000;
 const STEP_US: u64 = 50_000;
 
-/// A robot that is asked between two macro steps for something that changes the mission, and has exchanged the missions: nothing else was due.
+/// A robot that is asked between two macro steps for something that changes the mission, and has
+/// exchanged the missions: nothing else was due.
 fn exchanged(
     request: Request<'_>,
     prepare: impl Fn(&mut Bench<'_, '_, '_>),
@@ -196,7 +199,8 @@ fn what_two_missions_have_in_common_must_fit_into_the_table() {
             warm: true,
             trial_ms: 0,
         });
-        // Two for the region, and one for each state of the mission before with its `initial` and `final`.
+        // Two for the region, and one for each state of the mission before with its `initial` and
+        // `final`.
         let refused = LinkError::CapacityExceeded {
             what: Capacity::Pairs,
             needed: 2 + 140 + 2,

@@ -116,7 +116,8 @@ fn flags_of_a_task_are_seen_by_the_next_macro_step() {
 
 #[test]
 fn a_task_is_busy_until_its_input_has_a_value() {
-    // The sink stands before the source in the order of the slot, so that it has to wait for the slot's next occurrence.
+    // The sink stands before the source in the order of the slot, so that it has to wait for the
+    // slot's next occurrence.
     let mission = Mission::new(&SLOTS)
         .task(signature::SINK, None)
         .task(signature::SOURCE, None)
@@ -399,7 +400,8 @@ fn overruns_are_counted_one_by_one_and_end_in_the_safe_state() {
 
 #[test]
 fn an_overrun_raises_a_flag_that_the_next_macro_step_sees() {
-    // The hog in slot 2 runs from 10 ms on. It takes too long at 12 ms, which the monitor, before it in the slot, finds at 17 ms.
+    // The hog in slot 2 runs from 10 ms on. It takes too long at 12 ms, which the monitor, before
+    // it in the slot, finds at 17 ms.
     let mission = |takes_us| {
         Mission::new(&SLOTS)
             .task(signature::SLOT_MONITOR, None)
@@ -455,7 +457,8 @@ fn a_missed_occurrence_raises_a_flag_too() {
     with_robot(|robot| {
         robot.start(&mission.blob());
         robot.run_us(4_000);
-        // Slot 2 at 7 ms is left out; it goes on at 12 ms, before the interpreter's occurrence, which is late.
+        // Slot 2 at 7 ms is left out; it goes on at 12 ms, before the interpreter's occurrence,
+        // which is late.
         robot.world.pass_us(9_000);
         robot.run_us(6_000);
         assert_eq!(robot.status().missed, 1);
@@ -544,7 +547,8 @@ fn what_a_late_swap_leaves_out_of_the_old_mission_is_counted() {
         robot.exchange();
         robot.world.pass_us(25_000);
         robot.run_us(0);
-        // The new mission starts at 30 ms: of the old one, 10 and 20 ms are missing, and 12, 17, 22 and 27 ms of the second slot.
+        // The new mission starts at 30 ms: of the old one, 10 and 20 ms are missing, and 12, 17, 22
+        // and 27 ms of the second slot.
         assert_eq!(robot.status().missed, 6);
         assert_eq!([robot.slot(0).missed, robot.slot(1).missed], [0, 0]);
         robot.run_us(10_000);

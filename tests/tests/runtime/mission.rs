@@ -25,7 +25,8 @@ const NOWHERE: Span = Span {
 };
 
 impl Mission {
-    /// A mission with these slots, (period, duration, start) in µs, numbered from 1; the first runs the interpreter.
+    /// A mission with these slots, (period, duration, start) in µs, numbered from 1; the first runs
+    /// the interpreter.
     pub fn new(slots: &[(u32, u32, u32)]) -> Self {
         let model = Model {
             machine: Some(0),
@@ -136,8 +137,9 @@ impl Mission {
         self
     }
 
-    /// A region. States are `(name, task, slot, parameters)`, an empty task making a simple state. Transitions are
-    /// `A -> B`, then `[exit]`, `[busy]` or `[FLAG]` of A's task, then `on Again`, then `/ Again`, each or none.
+    /// A region. States are `(name, task, slot, parameters)`, an empty task making a simple state.
+    /// Transitions are `A -> B`, then `[exit]`, `[busy]` or `[FLAG]` of A's task, then `on Again`,
+    /// then `/ Again`, each or none.
     pub fn region(mut self, states: &[(&str, &str, u32, &[u32])], transitions: &[&str]) -> Self {
         let tasks = &self.model.tasks;
         let place = |name: &str| states.iter().position(|state| state.0 == name).expect(name);
@@ -218,7 +220,8 @@ impl Mission {
         self
     }
 
-    /// Declares the task of a region's first state once more, and gives it to that state, as no compiler of files would.
+    /// Declares the task of a region's first state once more, and gives it to that state, as no
+    /// compiler of files would.
     pub fn declared_twice(mut self, region: usize) -> Self {
         let state = &mut self.model.containers[0].regions[region].states[0];
         let StateKind::Task { task, .. } = &mut state.kind else {

@@ -1,4 +1,5 @@
-//! What a slot's first task is executed with is found before its time. Whatever happens meanwhile, all is as if it were found at its time.
+//! What a slot's first task is executed with is found before its time. Whatever happens meanwhile,
+//! all is as if it were found at its time.
 
 use esm_link::message::{Request, SafeReason};
 use esm_tests::random::Random;
@@ -11,7 +12,8 @@ const ROBOTS: u64 = 24;
 /// What happens to each of them, one after another.
 const EVENTS: usize = 40;
 
-/// Interpreter's period and the slots, (period, duration, start) in µs. No slot but the interpreter's starts when that does.
+/// Interpreter's period and the slots, (period, duration, start) in µs. No slot but the
+/// interpreter's starts when that does.
 const SLOTS: [[(u32, u32, u32); 3]; 3] = [
     [
         (10_000, 1_000, 0),
@@ -30,7 +32,8 @@ const SLOTS: [[(u32, u32, u32); 3]; 3] = [
     ],
 ];
 
-/// A mission of some of the robot's tasks, which are entered, left, blocked and ended all the time. Answers the interpreter's period, too.
+/// A mission of some of the robot's tasks, which are entered, left, blocked and ended all the time.
+/// Answers the interpreter's period, too.
 fn mission(random: &mut Random) -> (Vec<u8>, u32) {
     let slots = SLOTS[random.below(SLOTS.len())];
     let mut slot = || 1 + random.below(slots.len()) as u32;
@@ -109,7 +112,8 @@ fn mission(random: &mut Random) -> (Vec<u8>, u32) {
     (mission.blob(), slots[0].0)
 }
 
-/// Lets a robot run. Slot-0 runs go on just before the interpreter's slot, so that they are noted in it: in other slots, what was ready comes before that.
+/// Lets a robot run. Slot-0 runs go on just before the interpreter's slot, so that they are noted
+/// in it: in other slots, what was ready comes before that.
 fn run(robot: &mut Bench<'_, '_, '_>, us: u64, interpreter_period_us: u32) {
     let until_ticks = robot.world.now_us() * TICKS_PER_US + us * TICKS_PER_US;
     loop {

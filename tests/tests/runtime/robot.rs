@@ -1,4 +1,5 @@
-//! A robot with a clock of its own, tasks that tell what they do, and a host at the other end of its link.
+//! A robot with a clock of its own, tasks that tell what they do, and a host at the other end of
+//! its link.
 
 use std::collections::VecDeque;
 use std::sync::Mutex;
@@ -57,7 +58,8 @@ impl World {
     }
 }
 
-/// Publishes how often it was executed; `high` from the second time on; finished after `limit` executions.
+/// Publishes how often it was executed; `high` from the second time on; finished after `limit`
+/// executions.
 pub struct Source<'w> {
     world: &'w World,
     count: u32,
@@ -177,7 +179,8 @@ pub struct ToyBoard<'w> {
     pub body: Result<(), SafeReason>,
     /// Whether the button of the emergency stop is pressed.
     pub is_pressed: bool,
-    /// The first look at the clock shows a time that is nowhere near, so that what was made ready is not found to be due.
+    /// The first look at the clock shows a time that is nowhere near, so that what was made ready
+    /// is not found to be due.
     looks_away: bool,
 }
 
@@ -258,7 +261,8 @@ pub struct Memo {
     pub refuses_confirmation: bool,
     /// It was not told how the last trial ended, or did not take it.
     pub is_on_trial: bool,
-    /// The mission that it has for a start, and whether the robot took it, each time that it was asked.
+    /// The mission that it has for a start, and whether the robot took it, each time that it was
+    /// asked.
     pub mission: Vec<u8>,
     pub taken: Vec<bool>,
 }
@@ -450,7 +454,8 @@ pub struct Bench<'q, 'm, 'w> {
     pub wire: Wire,
     /// Whether slot-0 runs go on by themselves.
     pub background_runs: bool,
-    /// Whether a task that was made ready before its time is executed as such, or looked up anew like all others.
+    /// Whether a task that was made ready before its time is executed as such, or looked up anew
+    /// like all others.
     pub uses_what_is_ready: bool,
     reader: FrameReader,
     seq: u8,

@@ -1,4 +1,5 @@
-//! Telemetry: values on nets, as they were between two macro steps, for as long as their mission runs.
+//! Telemetry: values on nets, as they were between two macro steps, for as long as their mission
+//! runs.
 
 use esm_link::message::{Capacity, LinkError, Request, Swap};
 use esm_link::telemetry::MAX_VALUE_WORDS;
@@ -24,7 +25,8 @@ pub fn ask_fields(mission: u32, net: u16, offset: u16) -> Vec<u8> {
     ask(0, mission, &[net, offset])
 }
 
-/// Asks for values, and takes away those that came before. Answers the number that the new ones have.
+/// Asks for values, and takes away those that came before. Answers the number that the new ones
+/// have.
 fn want(robot: &mut Bench<'_, '_, '_>, blob: &[u8], period_ms: u16, nets: &[u16]) -> u8 {
     let ask = ask_values(hash(blob), period_ms, nets);
     assert_eq!(robot.ask(Request::Values { ask: &ask }), Ok(Answer::Done));
@@ -69,7 +71,8 @@ fn a_sample_has_what_was_on_the_nets_when_its_macro_step_was_made() {
 #[test]
 fn a_net_that_nothing_was_written_to_has_no_value() {
     with_robot(|robot| {
-        // The thinker reads what the source counts, thinks about it in slot 0, and somebody listens to both.
+        // The thinker reads what the source counts, thinks about it in slot 0, and somebody listens
+        // to both.
         let blob = Mission::new(&SLOTS)
             .task(signature::SOURCE, None)
             .task(signature::SINK, None)

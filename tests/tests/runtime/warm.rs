@@ -6,7 +6,8 @@ use crate::SLOTS;
 use crate::mission::Mission;
 use crate::robot::{Answer, Bench, signature, with_robot};
 
-/// A source that a sink of this number listens to. With more states before them all tasks have other numbers.
+/// A source that a sink of this number listens to. With more states before them all tasks have
+/// other numbers.
 pub fn listening(name: u32, with_more: bool) -> Vec<u8> {
     let mission = Mission::new(&SLOTS)
         .task(signature::SOURCE, None)

@@ -14,9 +14,9 @@
 //! + false                             and what takes its place
 //! ```
 //!
-//! `test`, `with` and `file` hold until the next one; `with` ends with the next `test`. A mutant has
-//! one change or several. Texts of several lines have a sign on each. Blanks and ends of lines do
-//! not count where texts are compared. A line that begins with `#` is a comment.
+//! `test`, `with` and `file` hold until the next one; `with` ends with the next `test`. A mutant
+//! has one change or several. Texts of several lines have a sign on each. Blanks and ends of lines
+//! do not count where texts are compared. A line that begins with `#` is a comment.
 
 /// The mutants of a package.
 #[derive(Debug, Default, PartialEq)]

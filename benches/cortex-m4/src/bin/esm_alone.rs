@@ -1,4 +1,5 @@
-//! The interpreter with its verifier, driven as the other players are: what the engine takes of flash. The mission is not in it.
+//! The interpreter with its verifier, driven as the other players are: what the engine takes of
+//! flash. The mission is not in it.
 #![no_std]
 #![no_main]
 

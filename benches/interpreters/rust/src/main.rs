@@ -1,7 +1,9 @@
-//! The CD player for [scxml](https://docs.rs/scxml): a chart as SCXML, which its simulator runs. It tells `tell NAME COUNTS` and `row NAME EVENTS NANOSECONDS...`.
+//! The CD player for [scxml](https://docs.rs/scxml): a chart as SCXML, which its simulator runs. It
+//! tells `tell NAME COUNTS` and `row NAME EVENTS NANOSECONDS...`.
 //!
-//! The simulator performs no actions, and a state's initial one is not entered by itself. It evaluates guards: so an action stands as a guard that counts and
-//! always holds, and transitions to `Playing` lead to its first song.
+//! The simulator performs no actions, and a state's initial one is not entered by itself. It
+//! evaluates guards: so an action stands as a guard that counts and always holds, and transitions
+//! to `Playing` lead to its first song.
 
 use std::process::ExitCode;
 use std::time::{Duration, Instant};

@@ -1,8 +1,10 @@
 //! Counts the instructions of macro steps: `cargo xtask bench bound` builds, runs and reads it.
 //!
-//! The host writes a file `plan`: missions, and for each what happens before each of its macro steps. For each macro step this program writes the ticks that it
-//! took into a file `counts`, four bytes, little endian. Nothing else runs here, so that they are those of the interpreter and of telling an observer, to the
-//! instruction: with `-icount shift=9` one takes 512 ns, and a tick is 20 ns.
+//! The host writes a file `plan`: missions, and for each what happens before each of its macro
+//! steps. For each macro step this program writes the ticks that it took into a file `counts`, four
+//! bytes, little endian. Nothing else runs here, so that they are those of the interpreter and of
+//! telling an observer, to the instruction: with `-icount shift=9` one takes 512 ns, and a tick is
+//! 20 ns.
 //!
 //! A plan is made of records, all numbers little endian:
 //!
@@ -79,7 +81,8 @@ struct Told {
 
 impl Told {
     fn note(&mut self, word: u32) {
-        // SAFETY: a place of our own, to which nothing else refers meanwhile; volatile, so that what is told is worked out.
+        // SAFETY: a place of our own, to which nothing else refers meanwhile; volatile, so that
+        // what is told is worked out.
         unsafe { ptr::write_volatile(&mut self.last, word) };
     }
 }

@@ -1,11 +1,15 @@
-//! A robot that measures how its slots are started: `cargo xtask bench dispatch` builds, runs and reads it.
+//! A robot that measures how its slots are started: `cargo xtask bench dispatch` builds, runs and
+//! reads it.
 //!
-//! Everything between the timer and the tasks is the firmware's own; only the exchange with a plant is left out, which an emulated
-//! board has and a real one has not. The mission has one slot for the interpreter; of the others, each third has an enabled task, which is a [`Probe`], a
-//! [`Two`] or a [`Four`] in turn. In slot 0 runs either [`Spin`], which calls nothing, or [`Call`], which goes through the framework all the time.
+//! Everything between the timer and the tasks is the firmware's own; only the exchange with a plant
+//! is left out, which an emulated board has and a real one has not. The mission has one slot for
+//! the interpreter; of the others, each third has an enabled task, which is a [`Probe`], a [`Two`]
+//! or a [`Four`] in turn. In slot 0 runs either [`Spin`], which calls nothing, or [`Call`], which
+//! goes through the framework all the time.
 //!
-//! The clock counts 20 ns; an instruction takes 2^8 ns (`-icount shift=8`), so what is counted is exact to an instruction. First the link sleeps
-//! and whole handlers are measured, by what they take from [`Spin`]; then it works, and the beginnings of tasks are measured.
+//! The clock counts 20 ns; an instruction takes 2^8 ns (`-icount shift=8`), so what is counted is
+//! exact to an instruction. First the link sleeps and whole handlers are measured, by what they
+//! take from [`Spin`]; then it works, and the beginnings of tasks are measured.
 #![no_std]
 #![no_main]
 
@@ -34,7 +38,8 @@ use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig};
 #[path = "../measured/steps.rs"]
 mod steps;
 
-/// Slots that a mission may have, the interpreter's included: as many as the largest that is measured has.
+/// Slots that a mission may have, the interpreter's included: as many as the largest that is
+/// measured has.
 const SLOTS: usize = 64;
 /// Tasks with two data ports, and tasks with four.
 const PORTED: usize = 8;
@@ -56,7 +61,8 @@ const DISTANCE_US: u32 = 4_000;
 
 /// Until then the host gets its answer that the mission runs, in microseconds of the mission.
 const BEGIN_US: u32 = 200_000;
-/// Until then the link, which sleeps from [`BEGIN_US`] on, is done with: what it asked for last is answered by a slot, at the latest in the interpreter's next one.
+/// Until then the link, which sleeps from [`BEGIN_US`] on, is done with: what it asked for last is
+/// answered by a slot, at the latest in the interpreter's next one.
 const SETTLED_US: u32 = 1_200_000;
 /// Until then whole handlers are measured. The link sleeps for less than [`LINK_BOUND_US`].
 const QUIET_US: u32 = 4_000_000;
@@ -64,7 +70,8 @@ const _: () = assert!(QUIET_US - BEGIN_US < LINK_BOUND_US);
 /// Until then beginnings of tasks are measured.
 const END_US: u32 = 12_000_000;
 
-/// Missions whose check is measured: what they are called, and their files in the emulator's folder.
+/// Missions whose check is measured: what they are called, and their files in the emulator's
+/// folder.
 const CHECKED: [(&str, &CStr); 3] = [
     ("verify-1", c"slots-1.blob"),
     ("verify-64", c"slots-64.blob"),
@@ -81,7 +88,8 @@ static OWN: AtomicU32 = AtomicU32::new(0);
 static LOUD: AtomicBool = AtomicBool::new(false);
 /// From a slot's nominal start to its task's first instruction.
 static START: Range = Range::new();
-/// What the handler of a slot without an enabled task takes from the task that is interrupted, where nothing is enabled in the next slot either.
+/// What the handler of a slot without an enabled task takes from the task that is interrupted,
+/// where nothing is enabled in the next slot either.
 static WHOLE: Range = Range::new();
 /// The same where the next slot has an enabled task: of each of [`KINDS`].
 static BEFORE: [Range; KINDS.len()] = [const { Range::new() }; KINDS.len()];
@@ -92,7 +100,8 @@ static WITH: [Range; KINDS.len()] = [const { Range::new() }; KINDS.len()];
 const KINDS: [u32; 3] = [0, 2, 4];
 /// Slots from one with an enabled task to the next.
 const DISTANCE_OF_TASKS: u32 = 3;
-/// Slots besides the interpreter's that have tasks at all, enabled or not; a multiple of [`DISTANCE_OF_TASKS`].
+/// Slots besides the interpreter's that have tasks at all, enabled or not; a multiple of
+/// [`DISTANCE_OF_TASKS`].
 const SLOTS_WITH_TASKS: u32 = 63;
 
 /// Shortest, longest and sum of what was measured, in ticks.
@@ -175,7 +184,8 @@ impl Board for BenchBoard {
     }
 }
 
-/// Executes what a task does, and notes what it took and, where that is wanted, when it began. It looks at the clock first of all.
+/// Executes what a task does, and notes what it took and, where that is wanted, when it began. It
+/// looks at the clock first of all.
 #[inline(always)]
 fn measured(io: &mut Io<'_>, noted: bool, work: impl FnOnce(&mut Io<'_>)) -> Step {
     let count = sys_tick::CVR.read();
@@ -272,11 +282,13 @@ impl Task for Four {
     }
 }
 
-/// Where it belongs what a handler took that has just ended. Found by the time, so that a handler does nothing for it.
+/// Where it belongs what a handler took that has just ended. Found by the time, so that a handler
+/// does nothing for it.
 fn range_of_handler() -> Option<&'static Range> {
     let since_ticks = (now_ticks() as u32).wrapping_sub(ORIGIN.load(Relaxed));
     let phase_us = (since_ticks / TICKS_PER_US).checked_rem(PERIOD_US.load(Relaxed))?;
-    // Until the interpreter's time is over, the timer only looks whether there is something to do. The slot before it makes nothing ready.
+    // Until the interpreter's time is over, the timer only looks whether there is something to do.
+    // The slot before it makes nothing ready.
     let slot = phase_us.checked_sub(INTERPRETER_US)? / DISTANCE_US;
     let last = (PERIOD_US.load(Relaxed) - INTERPRETER_US) / DISTANCE_US - 1;
     let slot = slot.checked_sub(1).filter(|_| slot < last)?;
@@ -337,7 +349,8 @@ fn phase() -> Phase {
                     range.print(["0", "2", "4"][ports as usize / 2]);
                 }
             }
-            // Nobody feeds the watchdog from here on, and nobody has to: it counts down from 86 seconds.
+            // Nobody feeds the watchdog from here on, and nobody has to: it counts down from 86
+            // seconds.
             cortex_m::interrupt::disable();
             watchdog0::LOAD.write(u32::MAX);
             for (name, file) in CHECKED {
@@ -351,7 +364,8 @@ fn phase() -> Phase {
 
 /// Measures the check of the blob in a file, if there is one. Interrupts are masked.
 ///
-/// The watchdog's count is the stopwatch: a check may last for longer than a round of SysTick, which has 24 bits, and than the watchdog would wait for food.
+/// The watchdog's count is the stopwatch: a check may last for longer than a round of SysTick,
+/// which has 24 bits, and than the watchdog would wait for food.
 fn measure_check(name: &str, file: &CStr) {
     let mut blob = [0; 2048];
     let Ok(opened) = sys_open(file, OpenMode::RDONLY_BINARY) else {
@@ -418,7 +432,8 @@ impl Task for Spin {
             if gap < SHORTEST_HANDLER_TICKS {
                 usual = usual.max(gap);
             } else {
-                // Whatever was executed before this one is taken off for nothing where no task is enabled.
+                // Whatever was executed before this one is taken off for nothing where no task is
+                // enabled.
                 let own = OWN.swap(0, Relaxed);
                 if quiet && let Some(range) = range_of_handler() {
                     range.note(gap - usual - own);
@@ -439,8 +454,8 @@ impl PortType for Number {
     const INIT: Self = Number(0);
 }
 
-/// Goes through the framework all the time: its run ends and begins anew, reads and writes values, sets a flag, and writes to the log, which has
-/// critical sections.
+/// Goes through the framework all the time: its run ends and begins anew, reads and writes values,
+/// sets a flag, and writes to the log, which has critical sections.
 #[derive(Default)]
 struct Call {
     runs: u32,

@@ -1,8 +1,11 @@
-//! The default robot with a task in slot 0 that never sleeps and notes how much time reaches it: `cargo xtask bench idle` runs and reads it.
+//! The default robot with a task in slot 0 that never sleeps and notes how much time reaches it:
+//! `cargo xtask bench idle` runs and reads it.
 //!
-//! The task looks at the clock all the time. Two looks that are as close as its loop is long are its own time; what is longer was taken from it, by slots
-//! if an occurrence was begun meanwhile. First the link sleeps, so that slots and the rest can be told apart; then it works, and what it takes is the
-//! difference. An instruction takes 64 ns, as everywhere on this board (`-icount shift=6`).
+//! The task looks at the clock all the time. Two looks that are as close as its loop is long are
+//! its own time; what is longer was taken from it, by slots if an occurrence was begun meanwhile.
+//! First the link sleeps, so that slots and the rest can be told apart; then it works, and what it
+//! takes is the difference. An instruction takes 64 ns, as everywhere on this board
+//! (`-icount shift=6`).
 #![no_std]
 #![no_main]
 
@@ -28,7 +31,8 @@ use rt_firmware::{Bank, Board, Io, OccurrenceStart, Step, Task, WithStopButton, 
 
 /// Rounds of looks at the clock in one step of the task.
 const ROUNDS: u32 = 200;
-/// Looks in a round. The emulator's clock is read in steps that differ, so that only several looks tell how long one takes.
+/// Looks in a round. The emulator's clock is read in steps that differ, so that only several looks
+/// tell how long one takes.
 const LOOKS: u32 = 64;
 /// A gap between two looks that is so many times as long as a look takes is an interruption.
 const INTERRUPTION: u32 = 3;
@@ -99,7 +103,8 @@ struct Busy {
     times: Times,
     /// SysTick at the last look.
     last: u32,
-    /// What a look takes: the mean of the shortest round, which nothing has interrupted. Known when the first phase is over.
+    /// What a look takes: the mean of the shortest round, which nothing has interrupted. Known when
+    /// the first phase is over.
     look_ticks: Option<u32>,
     occurrences: u32,
 }

@@ -1,8 +1,11 @@
-//! The default robot without a plant, which measures how one mission follows another: `cargo xtask bench` builds, runs and reads it.
+//! The default robot without a plant, which measures how one mission follows another:
+//! `cargo xtask bench` builds, runs and reads it.
 //!
-//! A mission whose only task is [`Watch`] is followed by one that is measured. `Watch` looks at the clock all the time: the longest gap between two looks is
-//! what the link takes for the request to commit, which is by far the most that it ever does at once. What the slot takes is seen by the board, which
-//! is asked for the time first of all when the slot's interrupt comes, told before the new mission's first macro step, and asked again after it.
+//! A mission whose only task is [`Watch`] is followed by one that is measured. `Watch` looks at the
+//! clock all the time: the longest gap between two looks is what the link takes for the request to
+//! commit, which is by far the most that it ever does at once. What the slot takes is seen by the
+//! board, which is asked for the time first of all when the slot's interrupt comes, told before the
+//! new mission's first macro step, and asked again after it.
 //!
 //! The clock counts 20 ns; an instruction takes 2^8 ns (`-icount shift=8`).
 #![no_std]

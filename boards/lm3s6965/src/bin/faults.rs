@@ -1,7 +1,9 @@
-//! The default robot with tasks that misbehave beside its own, for tests: an overrun, masked interrupts, tasks that never return, a
-//! panic, a fault of the core. And one that works in slot 0 without an end, and says how much it has done.
+//! The default robot with tasks that misbehave beside its own, for tests: an overrun, masked
+//! interrupts, tasks that never return, a panic, a fault of the core. And one that works in slot 0
+//! without an end, and says how much it has done.
 //!
-//! Each does its harm in the first step after its state was entered, and only then, so that counters can be compared with exact numbers.
+//! Each does its harm in the first step after its state was entered, and only then, so that
+//! counters can be compared with exact numbers.
 #![no_std]
 #![no_main]
 
@@ -52,7 +54,8 @@ impl Task for Overrun {
     }
 }
 
-/// Masks all interrupts for a time, the slot timer's included; from slot 0, so that it is occurrences that are missed, not tasks that overrun.
+/// Masks all interrupts for a time, the slot timer's included; from slot 0, so that it is
+/// occurrences that are missed, not tasks that overrun.
 struct MaskInterrupts;
 
 task! {

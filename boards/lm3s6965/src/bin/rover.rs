@@ -1,4 +1,5 @@
-//! The default robot: its registry of tasks, on this board, with a button for emergencies, and a mission of its own for a flash that has none.
+//! The default robot: its registry of tasks, on this board, with a button for emergencies, and a
+//! mission of its own for a flash that has none.
 #![no_std]
 #![no_main]
 

@@ -1,4 +1,5 @@
-//! Verifier, interpreter and dispatcher, and nothing else: `cargo xtask size` takes the difference to `size_empty` as what they cost.
+//! Verifier, interpreter and dispatcher, and nothing else: `cargo xtask size` takes the difference
+//! to `size_empty` as what they cost.
 #![no_std]
 #![no_main]
 

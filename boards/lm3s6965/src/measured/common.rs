@@ -1,5 +1,7 @@
-//! What both programs have whose difference is the interpreter: a blob that the compiler knows nothing of, and the compiler's own functions that any firmware has (copy, clear, fill, compare).
-//! Each would be in a firmware without the interpreter, so it must neither count for the interpreter where that calls it, nor be taken off where it does not.
+//! What both programs have whose difference is the interpreter: a blob that the compiler knows
+//! nothing of, and the compiler's own functions that any firmware has (copy, clear, fill, compare).
+//! Each would be in a firmware without the interpreter, so it must neither count for the
+//! interpreter where that calls it, nor be taken off where it does not.
 
 use core::hint::black_box;
 

@@ -1,8 +1,8 @@
 //! Macro steps of the CD player of `tests/data/cd51.esm`, and pulses with nothing to do.
 //!
-//! A macro step is measured from the flag that a task sets, as the runtime hands it over, to the end, with
-//! an observer that counts transitions. Nothing else runs meanwhile. The interpreter is the one that the
-//! firmware runs, with the settings of its profile.
+//! A macro step is measured from the flag that a task sets, as the runtime hands it over, to the
+//! end, with an observer that counts transitions. Nothing else runs meanwhile. The interpreter is
+//! the one that the firmware runs, with the settings of its profile.
 
 use core::hint::black_box;
 
@@ -35,8 +35,8 @@ const SONGS: [usize; 4] = [NEXT, NEXT, PREV, PREV];
 const AFTER: [usize; 7] = [PAUSE, END_PAUSE, PAUSE, STOP, STOP, OPEN_CLOSE, OPEN_CLOSE];
 /// Rounds of [`SONGS`]: with what is around, 51 macro steps.
 const ROUNDS: usize = 10;
-/// Transitions of all of them: the panel's, and one that its event leads to. Where the superstate is
-/// entered, the region inside takes one more, in the next macro step.
+/// Transitions of all of them: the panel's, and one that its event leads to. Where the superstate
+/// is entered, the region inside takes one more, in the next macro step.
 const TRANSITIONS: u32 = 2 * 51 + 2;
 
 /// Counts transitions.
@@ -48,8 +48,8 @@ impl Observer for Count {
     }
 }
 
-/// Measures ticks of macro steps, for which `note` is given true, and of pulses. None if the machine did
-/// not do what the chart says.
+/// Measures ticks of macro steps, for which `note` is given true, and of pulses. None if the
+/// machine did not do what the chart says.
 pub fn measure(blob: &[u8], note: &mut impl FnMut(bool, u32)) -> Option<()> {
     let mut arena = [0; ARENA_WORDS];
     let verified = verify(blob).ok()?;

@@ -1,4 +1,5 @@
-//! The `esm` command with this robot on the board `host`: `cargo run -- run mission.esm --board host --until '30 s'`.
+//! The `esm` command with this robot on the board `host`:
+//! `cargo run -- run mission.esm --board host --until '30 s'`.
 
 use std::process::ExitCode;
 

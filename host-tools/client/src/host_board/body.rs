@@ -71,7 +71,8 @@ impl<'p, 'q, 'm> Body<'p, 'q, 'm> {
         self.now_us = self.now_us.max(board_us);
     }
 
-    /// Gives slot-0 tasks the time that is left before the next slot, unless a recording says when they end.
+    /// Gives slot-0 tasks the time that is left before the next slot, unless a recording says when
+    /// they end.
     pub(super) fn run_background(&mut self, steps: u32) {
         if self.ends.is_none() {
             for _ in 0..steps {

@@ -1,4 +1,5 @@
-//! What tasks log on the host board: lines of text, kept for the link of the board whose thread logged them.
+//! What tasks log on the host board: lines of text, kept for the link of the board whose thread
+//! logged them.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;

@@ -1,8 +1,10 @@
 //! The host board: the firmware's runtime and tasks as a part of this process.
 //!
-//! Dispatcher, registry, interpreter, tasks, link: all the code that a firmware runs. What differs is what a board gives: the timer is
-//! virtual and jumps from one slot to the next, the byte link is a pipe or a [line](mod@crate::lockstep::line) in the same virtual time, the pins lead to the plant by a call. Code takes no time here, so
-//! that nothing is ever late; a task in slot 0 ends before the next slot, or where a recording says that it did.
+//! Dispatcher, registry, interpreter, tasks, link: all the code that a firmware runs. What differs
+//! is what a board gives: the timer is virtual and jumps from one slot to the next, the byte link
+//! is a pipe or a [line](mod@crate::lockstep::line) in the same virtual time, the pins lead to the
+//! plant by a call. Code takes no time here, so that nothing is ever late; a task in slot 0 ends
+//! before the next slot, or where a recording says that it did.
 //!
 //! A user's own robot runs here too: `host_tools::cli::main_with`.
 
@@ -58,10 +60,12 @@ const STACK_BYTES: usize = 32 * 1024 * 1024;
 /// How long a board without anything to do waits for bytes.
 const IDLE_WAIT: Duration = Duration::from_millis(2);
 
-/// Steps of slot-0 tasks between two slots. One that needs more goes on after the slot, as on a real board.
+/// Steps of slot-0 tasks between two slots. One that needs more goes on after the slot, as on a
+/// real board.
 const BACKGROUND_STEPS: u32 = 10_000;
 
-/// Makes a robot on the given pins and hands its banks to the runtime, which returns when the board ends.
+/// Makes a robot on the given pins and hands its banks to the runtime, which returns when the board
+/// ends.
 pub type RobotMaker = fn(Parts<'_>, &mut dyn FnMut(&mut [&mut (dyn TaskBank + '_)]));
 
 /// The robot that ships.
@@ -107,8 +111,8 @@ struct Shared {
 const NO_GATE: u64 = u64::MAX;
 
 impl HostBoard {
-    /// Starts a board with the tasks of `robot`, and `plant` behind its pins. Answers the other end of its byte link. Runs of slot-0 tasks end
-    /// where `replay` says, if it is given.
+    /// Starts a board with the tasks of `robot`, and `plant` behind its pins. Answers the other end
+    /// of its byte link. Runs of slot-0 tasks end where `replay` says, if it is given.
     ///
     /// # Errors
     /// [`HostBoardError`]
@@ -122,7 +126,8 @@ impl HostBoard {
         Ok((board, far))
     }
 
-    /// The same, with a link that shares the board's virtual time: a run repeats to the byte, whatever is asked of the robot.
+    /// The same, with a link that shares the board's virtual time: a run repeats to the byte,
+    /// whatever is asked of the robot.
     ///
     /// # Errors
     /// [`HostBoardError`]
@@ -193,7 +198,8 @@ impl HostBoard {
         }
     }
 
-    /// Lets the board wait before `robot_us` for a mission, so that it takes over then, in each run the same.
+    /// Lets the board wait before `robot_us` for a mission, so that it takes over then, in each run
+    /// the same.
     pub fn set_gate(&self, robot_us: Option<u64>) {
         self.shared
             .gate_us
@@ -296,7 +302,8 @@ fn run(
                 shared
                     .gate_us
                     .store(shared.next_gate_us.load(Relaxed), Relaxed);
-                // Before the time of the gate: what is asked for at a macro step's time waits for the next.
+                // Before the time of the gate: what is asked for at a macro step's time waits for
+                // the next.
                 due_us = real_time.on_timer(&mut body);
             } else if link.is_waiting() {
                 // Time stands still at a gate; questions are answered all the same.

@@ -26,7 +26,8 @@ const OUTGOING_LIMIT: usize = 64 * 1024;
 /// Bytes that have come and wait for the link at most. More stay in the pipe.
 const INCOMING_LIMIT: usize = 64 * 1024;
 
-/// How long a board whose client takes no bytes waits for that before it looks whether it is to end.
+/// How long a board whose client takes no bytes waits for that before it looks whether it is to
+/// end.
 const ROOM_WAIT: Duration = Duration::from_millis(20);
 
 /// Where the link's bytes go.
@@ -130,7 +131,8 @@ impl<'k> Port<'k> {
     pub(super) fn has_room(&self) -> bool {
         match self.line {
             Line::Pipe(_) => true,
-            // What the next swap takes: a serial line has no room for more, and the link keeps the rest.
+            // What the next swap takes: a serial line has no room for more, and the link keeps the
+            // rest.
             Line::Plant(_) => self.outgoing.len() < PART_BYTES,
         }
     }
@@ -151,7 +153,8 @@ impl<'k> Port<'k> {
         }
     }
 
-    /// Brings out what was sent and takes in what has come by a pipe, waiting up to `timeout` for it.
+    /// Brings out what was sent and takes in what has come by a pipe, waiting up to `timeout` for
+    /// it.
     ///
     /// # Errors
     /// The other end has gone.
@@ -160,8 +163,8 @@ impl<'k> Port<'k> {
         self.take_in(timeout)
     }
 
-    /// Hands on what was sent. A client that takes nothing is waited for, so that nothing is lost to one that is slow; what it sends is
-    /// taken in meanwhile, should it wait for that.
+    /// Hands on what was sent. A client that takes nothing is waited for, so that nothing is lost
+    /// to one that is slow; what it sends is taken in meanwhile, should it wait for that.
     ///
     /// # Errors
     /// The other end has gone, or the board is to end.
@@ -211,7 +214,8 @@ impl LinkPort for Port<'_> {
             return false;
         }
         if self.outgoing.len() >= OUTGOING_LIMIT && self.bring_out().is_err() {
-            // A reader that has gone is noticed at the next exchange, and the board's end by who runs it.
+            // A reader that has gone is noticed at the next exchange, and the board's end by who
+            // runs it.
             self.outgoing.clear();
         }
         self.outgoing.push_back(byte);

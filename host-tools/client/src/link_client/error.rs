@@ -87,7 +87,8 @@ pub enum ClientError {
         /// Why.
         error: LinkError,
     },
-    /// The robot refused, but the session with it had ended while this was under way: it may have been done before.
+    /// The robot refused, but the session with it had ended while this was under way: it may have
+    /// been done before.
     #[error(
         "the robot refused `{request}`: {}; but its session had ended while that was under way, so that it may have been done before: `esm status` tells",
         reason(*error)
@@ -225,7 +226,8 @@ pub fn without(feature: Feature) -> &'static str {
     }
 }
 
-/// A refusal in words, as far as the robot's numbers go. [`refusal_with_names`] knows the mission's names too.
+/// A refusal in words, as far as the robot's numbers go. [`refusal_with_names`] knows the mission's
+/// names too.
 pub fn reason(error: LinkError) -> String {
     refusal_with_names(error, |_| None)
 }

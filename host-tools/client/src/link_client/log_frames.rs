@@ -1,8 +1,10 @@
 //! Frames of a firmware's log, looked at before they are decoded.
 //!
-//! A frame may name any text of the firmware, and texts may stand in texts: `defmt-decoder` makes room for as many elements as a frame says there are, and goes as deep as it says. It
-//! is meant for frames of one's own firmware. What comes over a line may be anybody's, so that each frame is walked through here in the same way, with nothing kept, and only one that is
-//! no larger than it is long gets any further.
+//! A frame may name any text of the firmware, and texts may stand in texts: `defmt-decoder` makes
+//! room for as many elements as a frame says there are, and goes as deep as it says. It is meant
+//! for frames of one's own firmware. What comes over a line may be anybody's, so that each frame is
+//! walked through here in the same way, with nothing kept, and only one that is no larger than it
+//! is long gets any further.
 
 use std::collections::HashMap;
 
@@ -70,7 +72,8 @@ impl Texts {
     }
 }
 
-/// A frame's bytes without their encoding, which is reverse zero-compressing COBS: it is read from its end.
+/// A frame's bytes without their encoding, which is reverse zero-compressing COBS: it is read from
+/// its end.
 fn unpacked(frame: &[u8]) -> Option<Vec<u8>> {
     const RUN: u8 = 7;
     const LONGEST_RUN: usize = 134;
@@ -110,7 +113,8 @@ fn unpacked(frame: &[u8]) -> Option<Vec<u8>> {
 struct Walk<'w> {
     texts: &'w Texts,
     rest: &'w [u8],
-    /// Elements of lists that may still come: none is shorter than nothing, and a list of nothings has no end.
+    /// Elements of lists that may still come: none is shorter than nothing, and a list of nothings
+    /// has no end.
     elements_left: usize,
 }
 
@@ -222,7 +226,8 @@ impl<'w> Walk<'w> {
     }
 }
 
-/// The parameters of a text in the order in which their arguments come: by their numbers, each once, with all bits that are shown of a number in one.
+/// The parameters of a text in the order in which their arguments come: by their numbers, each
+/// once, with all bits that are shown of a number in one.
 fn parameters(text: &str) -> Option<Vec<Parameter>> {
     let fragments = parse(text, ParserMode::ForwardsCompatible).ok()?;
     let all = fragments.into_iter().filter_map(|fragment| match fragment {

@@ -1,7 +1,8 @@
 //! A robot's log as people read it.
 //!
-//! The firmware sends `defmt` frames, which hold numbers for the texts; the texts themselves stand in the firmware's ELF file and never
-//! travel. The host board has no ELF file: it logs plain lines.
+//! The firmware sends `defmt` frames, which hold numbers for the texts; the texts themselves stand
+//! in the firmware's ELF file and never travel. The host board has no ELF file: it logs plain
+//! lines.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -15,7 +16,8 @@ use crate::files::{self, MAX_FIRMWARE_BYTES};
 /// Longest frame that is waited for. Longer ones are noise.
 const FRAME_LIMIT_BYTES: usize = 4096;
 
-/// What is shown of a line at most, in bytes. A longer one is noise, or somebody's who has nothing to say.
+/// What is shown of a line at most, in bytes. A longer one is noise, or somebody's who has nothing
+/// to say.
 pub const MAX_LINE_BYTES: usize = 2048;
 
 /// Ends each frame in the encoding that the firmware uses.
@@ -100,7 +102,8 @@ pub enum LogTableError {
         /// What the decoder says.
         cause: anyhow::Error,
     },
-    /// It has no `defmt` section, or one in an encoding that cannot find its way back after lost bytes.
+    /// It has no `defmt` section, or one in an encoding that cannot find its way back after lost
+    /// bytes.
     #[error("{} holds no log texts; the log needs the ELF file that was flashed", path.display())]
     NoTexts {
         /// The file.
@@ -188,7 +191,8 @@ impl LogReader {
         )?)))
     }
 
-    /// Something between the bytes that came and those that will come is missing. What is left of the two lines around it is not shown as one.
+    /// Something between the bytes that came and those that will come is missing. What is left of
+    /// the two lines around it is not shown as one.
     pub fn gap(&mut self) {
         match self {
             LogReader::Firmware(decoder) => decoder.gap(),
@@ -277,13 +281,15 @@ impl LogDecoder {
         }
     }
 
-    /// Something between the bytes that came and those that will come is missing. The two pieces of a frame are not to be read as one.
+    /// Something between the bytes that came and those that will come is missing. The two pieces of
+    /// a frame are not to be read as one.
     pub fn gap(&mut self) {
         self.pending.clear();
         self.is_torn = true;
     }
 
-    /// Takes bytes as they come and answers the lines that are complete. What is no frame is counted and passed over.
+    /// Takes bytes as they come and answers the lines that are complete. What is no frame is
+    /// counted and passed over.
     pub fn lines(&mut self, bytes: &[u8]) -> Vec<LogLine> {
         let bytes = if self.is_torn {
             self.is_torn = !bytes.contains(&FRAME_END);

@@ -1,12 +1,14 @@
 //! How bad a line is, as far as frames tell that passed or did not, and what chunks do best on it.
 //!
-//! If one byte in 1/r is spoiled, a frame of n bytes passes with the probability e^(-rn). A chunk of d bytes, in a frame of d + h, brings d·e^(-r(d+h)) in the time of
-//! d + h bytes, which is most where d² + h·d = h/r.
+//! If one byte in 1/r is spoiled, a frame of n bytes passes with the probability e^(-rn). A chunk
+//! of d bytes, in a frame of d + h, brings d·e^(-r(d+h)) in the time of d + h bytes, which is most
+//! where d² + h·d = h/r.
 
 /// Bytes of a chunk's frame beside its data, the delimiter in front included.
 pub(super) const OVERHEAD: usize = 12;
 
-/// What is taken for known of a line of which nothing is known: so many spoiled bytes of so many. It is good, and the first lost frame makes it look worse.
+/// What is taken for known of a line of which nothing is known: so many spoiled bytes of so many.
+/// It is good, and the first lost frame makes it look worse.
 const FIRST_SPOILED: f64 = 0.1;
 const FIRST_BYTES: f64 = 1_000.0;
 
@@ -54,7 +56,8 @@ impl Loss {
         self.fade(frame_bytes(chunk));
     }
 
-    /// A chunk of so many bytes was lost: of its bytes one was spoiled, or more, as they are at this rate.
+    /// A chunk of so many bytes was lost: of its bytes one was spoiled, or more, as they are at
+    /// this rate.
     pub(super) fn chunk_lost(&mut self, chunk: usize) {
         let expected = self.rate() * frame_bytes(chunk);
         self.fade(frame_bytes(chunk));

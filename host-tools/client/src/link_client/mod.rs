@@ -1,9 +1,10 @@
 //! The host's end of the link to a robot: asks, uploads, listens.
 //!
-//! One request is open at a time. It has a number; if no answer comes in time it is sent again under the same number, and the robot,
-//! which remembers its last answer, does nothing twice. Between answers the robot sends streams, which are put together here and
-//! kept until [`LinkClient::take_events`] fetches them. Whatever noise a line makes, a request either ends with the robot's own
-//! answer to it, or with an error.
+//! One request is open at a time. It has a number; if no answer comes in time it is sent again
+//! under the same number, and the robot, which remembers its last answer, does nothing twice.
+//! Between answers the robot sends streams, which are put together here and kept until
+//! [`LinkClient::take_events`] fetches them. Whatever noise a line makes, a request either ends
+//! with the robot's own answer to it, or with an error.
 
 /// Whether this defect is planted. Only tests have defects to plant: each must make them fail.
 #[cfg(test)]
@@ -72,14 +73,16 @@ const SPOILED_WAIT: Duration = Duration::from_millis(10);
 /// How long a wait may last before it is looked whether it is to end.
 const STOP_LOOK: Duration = Duration::from_millis(100);
 
-/// A robot hears of a host that looks after it as often as this at least. A mission that watches for that warns after half a second where it says nothing else.
+/// A robot hears of a host that looks after it as often as this at least. A mission that watches
+/// for that warns after half a second where it says nothing else.
 pub const CALL_INTERVAL: Duration = Duration::from_millis(200);
 
 /// What stops a robot, and its name.
 const STOP: (&str, Request<'static>) = ("stop", Request::Stop);
 const EMERGENCY_STOP: (&str, Request<'static>) = ("emergency stop", Request::EmergencyStop);
 
-/// What a mission's blob has at most, in bytes, whatever a robot says that it has room for: more than any robot of this kind has flash.
+/// What a mission's blob has at most, in bytes, whatever a robot says that it has room for: more
+/// than any robot of this kind has flash.
 const MAX_BLOB_BYTES: u32 = 256 * 1024;
 
 /// What a task's declaration has at most, and what a type's fields have, as text, in bytes.
@@ -183,7 +186,8 @@ pub struct Streams {
     pub trace: bool,
     /// Bytes of the log.
     pub log: bool,
-    /// What enters the interpreter, from the mission's beginning or with all that it is now. Asked for once more, it begins anew with the latter.
+    /// What enters the interpreter, from the mission's beginning or with all that it is now. Asked
+    /// for once more, it begins anew with the latter.
     pub record: bool,
 }
 
@@ -264,7 +268,8 @@ impl<L: ByteLink> LinkClient<L> {
         Self::connect_within(link, None, None)
     }
 
-    /// The same, with an end to all waiting of the session ([`LinkClient::limit_waits`]), and to all at once ([`LinkClient::stop_when`]).
+    /// The same, with an end to all waiting of the session ([`LinkClient::limit_waits`]), and to
+    /// all at once ([`LinkClient::stop_when`]).
     ///
     /// # Errors
     /// [`ClientError`]: the robot does not answer, or does not speak as this program does.
@@ -278,7 +283,8 @@ impl<L: ByteLink> LinkClient<L> {
         Ok((client, info))
     }
 
-    /// Begins a session with a stop, which does not wait for any answer, or with an emergency stop. Whether the robot has stopped is to be asked.
+    /// Begins a session with a stop, which does not wait for any answer, or with an emergency stop.
+    /// Whether the robot has stopped is to be asked.
     ///
     /// # Errors
     /// [`ClientError`], as of [`LinkClient::connect`]
@@ -301,7 +307,8 @@ impl<L: ByteLink> LinkClient<L> {
         LinkClient {
             link,
             incoming: Incoming::new(),
-            // Not the number that the client before began with: its answers may still be on the line. A simulated one has but this client.
+            // Not the number that the client before began with: its answers may still be on the
+            // line. A simulated one has but this client.
             seq: if clock.is_simulated() {
                 0
             } else {
@@ -326,7 +333,8 @@ impl<L: ByteLink> LinkClient<L> {
         }
     }
 
-    /// Asks the robot who it is. Ends its streams, as at the beginning of a session, and forgets what they brought.
+    /// Asks the robot who it is. Ends its streams, as at the beginning of a session, and forgets
+    /// what they brought.
     ///
     /// # Errors
     /// [`ClientError`]
@@ -364,7 +372,8 @@ impl<L: ByteLink> LinkClient<L> {
             }),
             _ => None,
         };
-        // A firmware of before there was this request does not understand it, however often it is sent; noise comes once.
+        // A firmware of before there was this request does not understand it, however often it is
+        // sent; noise comes once.
         let mut built_in = BuiltIn::UNTOLD;
         for _ in 0..2 {
             let request = Request::Features;
@@ -387,7 +396,8 @@ impl<L: ByteLink> LinkClient<L> {
         Ok(built_in)
     }
 
-    /// Fails where the robot's firmware was built without this, before anything is asked for that needs it.
+    /// Fails where the robot's firmware was built without this, before anything is asked for that
+    /// needs it.
     ///
     /// # Errors
     /// [`ClientError::NotBuiltIn`], and what else [`ClientError`] knows.
@@ -432,7 +442,8 @@ impl<L: ByteLink> LinkClient<L> {
     /// Emergency stop: motors off, latched over missions and resets until [`LinkClient::release`].
     ///
     /// # Errors
-    /// [`ClientError`]; with the refusal [`LinkError::StopNotKept`] the motors are off all the same.
+    /// [`ClientError`]; with the refusal [`LinkError::StopNotKept`] the motors are off all the
+    /// same.
     pub fn emergency_stop(&mut self) -> Result<(), ClientError> {
         self.ask_to_do(EMERGENCY_STOP.0, EMERGENCY_STOP.1)
     }
@@ -470,7 +481,8 @@ impl<L: ByteLink> LinkClient<L> {
         )
     }
 
-    /// What the robot's flight recorder holds, oldest first. Records of kinds that this program does not know are passed over.
+    /// What the robot's flight recorder holds, oldest first. Records of kinds that this program
+    /// does not know are passed over.
     ///
     /// # Errors
     /// [`ClientError`]
@@ -530,8 +542,9 @@ impl<L: ByteLink> LinkClient<L> {
         self.ask_to_do("subscribe", Request::Subscribe { trace, log, record })
     }
 
-    /// Lets the robot tell how it is from now on whenever its mode, its mission or the trial of that changes, and each `period` of the mission's time but
-    /// where that is 0; or, with `None`, no more.
+    /// Lets the robot tell how it is from now on whenever its mode, its mission or the trial of
+    /// that changes, and each `period` of the mission's time but where that is 0; or, with `None`,
+    /// no more.
     ///
     /// # Errors
     /// [`ClientError`]
@@ -544,10 +557,12 @@ impl<L: ByteLink> LinkClient<L> {
         self.ask_to_do("watch", request)
     }
 
-    /// What values on a net of the mission of this hash are made of, by the net's index in its blob: a line for each field, its name, a colon, its type.
+    /// What values on a net of the mission of this hash are made of, by the net's index in its
+    /// blob: a line for each field, its name, a colon, its type.
     ///
     /// # Errors
-    /// [`ClientError`]; refused with [`LinkError::OtherMission`] where another mission runs, with [`LinkError::NotBuiltIn`] by a firmware without telemetry.
+    /// [`ClientError`]; refused with [`LinkError::OtherMission`] where another mission runs, with
+    /// [`LinkError::NotBuiltIn`] by a firmware without telemetry.
     pub fn fields(&mut self, mission: u32, net: u16) -> Result<String, ClientError> {
         let name = "fields of a value";
         let bad = ClientError::BadAnswer { request: name };
@@ -571,12 +586,14 @@ impl<L: ByteLink> LinkClient<L> {
         }
     }
 
-    /// Lets the robot send values of these nets of the mission of this hash from now on, by their indices in its blob: each `period` of the mission's time at most, which is a
-    /// minute at most, or after each macro step where that is 0. Answers the number that those samples have.
+    /// Lets the robot send values of these nets of the mission of this hash from now on, by their
+    /// indices in its blob: each `period` of the mission's time at most, which is a minute at most,
+    /// or after each macro step where that is 0. Answers the number that those samples have.
     ///
     /// # Errors
-    /// [`ClientError`]; refused with [`LinkError::OtherMission`] where another mission runs, with [`LinkError::CapacityExceeded`] where there are more nets than the robot can tell of
-    /// at a time, with [`LinkError::NotBuiltIn`] by a firmware without telemetry.
+    /// [`ClientError`]; refused with [`LinkError::OtherMission`] where another mission runs, with
+    /// [`LinkError::CapacityExceeded`] where there are more nets than the robot can tell of at a
+    /// time, with [`LinkError::NotBuiltIn`] by a firmware without telemetry.
     pub fn values(
         &mut self,
         mission: u32,
@@ -613,7 +630,8 @@ impl<L: ByteLink> LinkClient<L> {
         )
     }
 
-    /// How a task state is, and what was counted of it; `task_instance` is its index in the running mission.
+    /// How a task state is, and what was counted of it; `task_instance` is its index in the running
+    /// mission.
     ///
     /// # Errors
     /// [`ClientError`]
@@ -645,7 +663,8 @@ impl<L: ByteLink> LinkClient<L> {
     /// # Errors
     /// [`ClientError`]; refused with [`LinkError::NoMission`] where none runs.
     pub fn running_blob(&mut self) -> Result<Vec<u8>, ClientError> {
-        // A robot that falls back while it is read gives parts of two missions, whose checksum is that of neither.
+        // A robot that falls back while it is read gives parts of two missions, whose checksum is
+        // that of neither.
         const READS: u32 = 5;
         let mut read = self.read_running_blob();
         for _ in 1..READS {
@@ -677,7 +696,8 @@ impl<L: ByteLink> LinkClient<L> {
         }
     }
 
-    /// The current states of the mission that runs, all of one macro step where the robot's pace allows that.
+    /// The current states of the mission that runs, all of one macro step where the robot's pace
+    /// allows that.
     ///
     /// # Errors
     /// [`ClientError`]
@@ -739,8 +759,8 @@ impl<L: ByteLink> LinkClient<L> {
         }
     }
 
-    /// Brings a mission to the robot and lets it take over between two macro steps, without a trial. `progress` is told the bytes that are there.
-    /// Answers the mission's hash when it runs.
+    /// Brings a mission to the robot and lets it take over between two macro steps, without a
+    /// trial. `progress` is told the bytes that are there. Answers the mission's hash when it runs.
     ///
     /// # Errors
     /// [`ClientError`]; a refusal leaves the robot with the mission that it had.
@@ -768,7 +788,8 @@ impl<L: ByteLink> LinkClient<L> {
     /// The mission of this hash, which is on trial, is to stay.
     ///
     /// # Errors
-    /// [`ClientError`]; refused with [`LinkError::NotOnTrial`] where another mission runs, or none is on trial.
+    /// [`ClientError`]; refused with [`LinkError::NotOnTrial`] where another mission runs, or none
+    /// is on trial.
     pub fn confirm(&mut self, mission: u32) -> Result<(), ClientError> {
         self.ask_to_do("confirm", Request::Confirm { mission })
     }
@@ -776,15 +797,18 @@ impl<L: ByteLink> LinkClient<L> {
     /// Back to the mission before the one of this hash, which is on trial.
     ///
     /// # Errors
-    /// [`ClientError`]; refused with [`LinkError::NotOnTrial`] where another mission runs, or none is on trial.
+    /// [`ClientError`]; refused with [`LinkError::NotOnTrial`] where another mission runs, or none
+    /// is on trial.
     pub fn fall_back(&mut self, mission: u32) -> Result<(), ClientError> {
         self.ask_to_do("fall back", Request::FallBack { mission })
     }
 
-    /// The value of a parameter of the running mission, the one that the mission gives it, and the one that was saved, by their bits; `param` is its index in the blob.
+    /// The value of a parameter of the running mission, the one that the mission gives it, and the
+    /// one that was saved, by their bits; `param` is its index in the blob.
     ///
     /// # Errors
-    /// [`ClientError`]; refused with [`LinkError::OtherMission`] where another mission runs than the one of this hash.
+    /// [`ClientError`]; refused with [`LinkError::OtherMission`] where another mission runs than
+    /// the one of this hash.
     pub fn param(&mut self, mission: u32, param: u16) -> Result<ParamBits, ClientError> {
         let request = Request::Param { mission, param };
         self.ask("read the parameter", request, |response| match response {
@@ -801,10 +825,12 @@ impl<L: ByteLink> LinkClient<L> {
         })
     }
 
-    /// Gives a parameter of the running mission another value, by its bits, from the next macro step on. Answers the bits of the value before.
+    /// Gives a parameter of the running mission another value, by its bits, from the next macro
+    /// step on. Answers the bits of the value before.
     ///
     /// # Errors
-    /// [`ClientError`]; refused with [`LinkError::ParamOutside`] and others where the robot's task does not take the value.
+    /// [`ClientError`]; refused with [`LinkError::ParamOutside`] and others where the robot's task
+    /// does not take the value.
     pub fn set_param(&mut self, mission: u32, param: u16, value: u32) -> Result<u32, ClientError> {
         let request = Request::SetParam {
             mission,
@@ -817,11 +843,12 @@ impl<L: ByteLink> LinkClient<L> {
         })
     }
 
-    /// Lets the robot keep the values of parameters that differ now from those of the mission of this hash, and start it with them from now on. Answers how many
-    /// there are.
+    /// Lets the robot keep the values of parameters that differ now from those of the mission of
+    /// this hash, and start it with them from now on. Answers how many there are.
     ///
     /// # Errors
-    /// [`ClientError`]; refused with [`LinkError::NoStore`] by a robot that has no flash to keep them in, with [`LinkError::OnTrial`] while the mission is on trial.
+    /// [`ClientError`]; refused with [`LinkError::NoStore`] by a robot that has no flash to keep
+    /// them in, with [`LinkError::OnTrial`] while the mission is on trial.
     pub fn save_params(&mut self, mission: u32) -> Result<u8, ClientError> {
         let request = Request::SaveParams { mission };
         self.ask("save parameters", request, |response| match response {
@@ -838,26 +865,29 @@ impl<L: ByteLink> LinkClient<L> {
         self.ask_to_do("abort", Request::Abort)
     }
 
-    /// Ends requests and uploads that are under way as soon as `stop` says so, with [`ClientError::Interrupted`]. The robot is not told: it goes on with what
-    /// it has. `None` lets everything come to its end again.
+    /// Ends requests and uploads that are under way as soon as `stop` says so, with
+    /// [`ClientError::Interrupted`]. The robot is not told: it goes on with what it has. `None`
+    /// lets everything come to its end again.
     pub fn stop_when(&mut self, stop: Option<Box<dyn Fn() -> bool + Send>>) {
         self.stop = stop;
     }
 
-    /// From now on all that waits ends with [`ClientError::Interrupted`] as soon as `end` says so, whatever
-    /// [`LinkClient::stop_when`] says.
+    /// From now on all that waits ends with [`ClientError::Interrupted`] as soon as `end` says so,
+    /// whatever [`LinkClient::stop_when`] says.
     pub fn end_when(&mut self, end: Option<Box<dyn Fn() -> bool + Send>>) {
         self.end = end;
     }
 
-    /// From now on all requests and uploads together may wait for the robot so long; after that they fail with [`ClientError::TooSlow`]. `None` lets the session last as long as
-    /// each of them alone makes it. Time in which nothing is asked does not count.
+    /// From now on all requests and uploads together may wait for the robot so long; after that
+    /// they fail with [`ClientError::TooSlow`]. `None` lets the session last as long as each of
+    /// them alone makes it. Time in which nothing is asked does not count.
     pub fn limit_waits(&mut self, limit: Option<Duration>) {
         self.allowance = Allowance::new(limit, self.clock.now());
     }
 
-    /// Lets an upload wait longer, where there is a limit, by `time` for each byte that the robot takes: so one that
-    /// takes none is given up as soon as any other, and one that takes them slowly when all could have arrived.
+    /// Lets an upload wait longer, where there is a limit, by `time` for each byte that the robot
+    /// takes: so one that takes none is given up as soon as any other, and one that takes them
+    /// slowly when all could have arrived.
     pub fn allow_for_each_byte(&mut self, time: Duration) {
         self.allowance.set_each_byte(time);
     }
@@ -894,7 +924,8 @@ impl<L: ByteLink> LinkClient<L> {
         Ok(())
     }
 
-    /// Listens for a while as [`listen`](Self::listen) does, and lets the robot hear that somebody listens.
+    /// Listens for a while as [`listen`](Self::listen) does, and lets the robot hear that somebody
+    /// listens.
     ///
     /// # Errors
     /// [`ClientError::Line`]
@@ -903,8 +934,9 @@ impl<L: ByteLink> LinkClient<L> {
         self.listen(timeout.min(CALL_INTERVAL))
     }
 
-    /// Lets the robot hear that somebody is here, if it has heard nothing for a [`CALL_INTERVAL`]: a mission may watch for that. What it answers is not waited for, so that a
-    /// robot that is silent keeps nobody from listening.
+    /// Lets the robot hear that somebody is here, if it has heard nothing for a [`CALL_INTERVAL`]:
+    /// a mission may watch for that. What it answers is not waited for, so that a robot that is
+    /// silent keeps nobody from listening.
     ///
     /// # Errors
     /// [`ClientError::Line`]
@@ -952,7 +984,8 @@ impl<L: ByteLink> LinkClient<L> {
         })
     }
 
-    /// Reads something of `most` bytes at most that comes in pieces, each asked for by its offset, until it is whole.
+    /// Reads something of `most` bytes at most that comes in pieces, each asked for by its offset,
+    /// until it is whole.
     fn read_all(
         &mut self,
         name: &'static str,
@@ -975,7 +1008,8 @@ impl<L: ByteLink> LinkClient<L> {
         }
     }
 
-    /// Sends a request until its answer is there, and reads that with `read`; `None` from there is an answer that does not fit.
+    /// Sends a request until its answer is there, and reads that with `read`; `None` from there is
+    /// an answer that does not fit.
     fn ask<T>(
         &mut self,
         name: &'static str,
@@ -1003,13 +1037,14 @@ impl<L: ByteLink> LinkClient<L> {
             match answer {
                 Ok(Some(answer)) => return Ok(answer),
                 Ok(None) => return Err(ClientError::BadAnswer { request: name }),
-                // Noise whose checksum is right comes once. A firmware that does not know the request never does.
+                // Noise whose checksum is right comes once. A firmware that does not know the
+                // request never does.
                 Err(LinkError::Malformed) if !is_misunderstood => {
                     is_misunderstood = true;
                     self.pause(name, BUSY_WAIT, &mut patience)?;
                 }
-                // The robot has started anew, or another session of its owner was begun: this one ends here. What is
-                // masked for it is to be masked anew.
+                // The robot has started anew, or another session of its owner was begun: this one
+                // ends here. What is masked for it is to be masked anew.
                 Err(LinkError::NoSession)
                     if self.signing.session.is_some()
                         && !matches!(request, Request::InstallKey { .. })
@@ -1020,7 +1055,8 @@ impl<L: ByteLink> LinkClient<L> {
                     self.pause(name, BUSY_WAIT, &mut patience)?;
                     self.open_session_for(&request, &mut patience)?;
                 }
-                // The robot has its hands full, or came to it too late to do it: the request is as good as new.
+                // The robot has its hands full, or came to it too late to do it: the request is as
+                // good as new.
                 Err(LinkError::Busy | LinkError::NoAnswer) if patience.lasts() => {
                     self.pause(name, BUSY_WAIT, &mut patience)?;
                 }
@@ -1066,7 +1102,8 @@ impl<L: ByteLink> LinkClient<L> {
         Ok(())
     }
 
-    /// Sends a command that the robot may carry out as long as its answer is waited for, and no longer. The time of that is also `whole`'s.
+    /// Sends a command that the robot may carry out as long as its answer is waited for, and no
+    /// longer. The time of that is also `whole`'s.
     fn exchange_in_time<T>(
         &mut self,
         name: &'static str,
@@ -1102,7 +1139,8 @@ impl<L: ByteLink> LinkClient<L> {
         answer
     }
 
-    /// Sends a request under a new number until its answer is there, for which the robot may take `longer` than for others.
+    /// Sends a request under a new number until its answer is there, for which the robot may take
+    /// `longer` than for others.
     fn exchange<T>(
         &mut self,
         name: &'static str,
@@ -1133,9 +1171,11 @@ impl<L: ByteLink> LinkClient<L> {
         self.incoming.other_version = None;
         self.incoming.has_asked_for_streams |= asks_for_streams(&request);
         let mut is_first = true;
-        // Sendings in a row of which nothing was heard: a line that brings spoiled frames is bad, and not slow.
+        // Sendings in a row of which nothing was heard: a line that brings spoiled frames is bad,
+        // and not slow.
         let mut attempt = 0;
-        // The longest that a spoiled frame took to come: until an answer was timed nothing better is known.
+        // The longest that a spoiled frame took to come: until an answer was timed nothing better
+        // is known.
         let mut heard_within = None;
         loop {
             self.send_wire(wire)?;
@@ -1161,7 +1201,8 @@ impl<L: ByteLink> LinkClient<L> {
                 let bad_before = self.incoming.bad_frames;
                 let wait = (deadline - now).min(STOP_LOOK);
                 let heard = self.incoming.receive(&mut self.link, wait, |received| {
-                    // With the number that a session happens to begin with, an answer of the session before may still be on its way.
+                    // With the number that a session happens to begin with, an answer of the
+                    // session before may still be on its way.
                     let is_old = request == Request::Hello
                         && !matches!(received.result, Ok(Response::Hello(_)))
                         && !planted!(OldHelloTaken);
@@ -1345,14 +1386,16 @@ fn numbers_of(what: u16, mission: u32, numbers: &[u16]) -> Vec<u8> {
     all.iter().flat_map(|number| number.to_le_bytes()).collect()
 }
 
-/// Whether a request changes what the robot does, so that it must not be carried out when nobody expects that any more. A stop is welcome at any time; what is about keys
-/// is bound to a nonce, or to the key itself.
+/// Whether a request changes what the robot does, so that it must not be carried out when nobody
+/// expects that any more. A stop is welcome at any time; what is about keys is bound to a nonce, or
+/// to the key itself.
 fn is_command(request: &Request<'_>) -> bool {
     needs(request) == Needs::Key
         && !matches!(request, Request::InstallKey { .. } | Request::RemoveKey)
 }
 
-/// Whether the robot keeps something in its flash before it answers. An emergency stop is among them, but must not wait for anything.
+/// Whether the robot keeps something in its flash before it answers. An emergency stop is among
+/// them, but must not wait for anything.
 fn is_kept(request: &Request<'_>) -> bool {
     matches!(
         request,
@@ -1436,8 +1479,8 @@ impl Incoming {
         };
     }
 
-    /// Takes what the line has, waiting up to `timeout` for its first byte. Replies go to `on_reply`, streams to the events. Answers
-    /// whether a frame came that was whole.
+    /// Takes what the line has, waiting up to `timeout` for its first byte. Replies go to
+    /// `on_reply`, streams to the events. Answers whether a frame came that was whole.
     fn receive(
         &mut self,
         link: &mut impl ByteLink,

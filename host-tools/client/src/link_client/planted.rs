@@ -1,6 +1,8 @@
-//! Defects that a test plants into the client, one at a time, to see that they are found. Shipped code has none of this.
+//! Defects that a test plants into the client, one at a time, to see that they are found. Shipped
+//! code has none of this.
 //!
-//! The laws are what a robot, and whoever uses the client, may rely on; they are held against a robot that says what a law needs it to say, in a time of its own.
+//! The laws are what a robot, and whoever uses the client, may rely on; they are held against a
+//! robot that says what a law needs it to say, in a time of its own.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -310,7 +312,8 @@ fn hello(protocol: u16) -> Response<'static> {
     })
 }
 
-/// A session with a robot that answers `hello` by itself and all else as it is told to, and the time that the session takes.
+/// A session with a robot that answers `hello` by itself and all else as it is told to, and the
+/// time that the session takes.
 fn session(
     behave: impl FnMut(u8, &Request<'_>) -> Said + Send + 'static,
 ) -> Result<(LinkClient<Line>, Arc<Waited>), Broken> {
@@ -406,7 +409,8 @@ impl Taken {
     }
 }
 
-/// Uploads to a robot that has `there` already; `chunk` says what it answers, which by itself is what [`Taken::chunk`] does. Returns what it took, and how long that took.
+/// Uploads to a robot that has `there` already; `chunk` says what it answers, which by itself is
+/// what [`Taken::chunk`] does. Returns what it took, and how long that took.
 fn upload(
     blob: &[u8],
     there: usize,
@@ -738,7 +742,8 @@ const LAWS: &[(&str, Law)] = &[
         "what was said of another upload says nothing of this one",
         || {
             let (taken, _) = upload(&blob(600, 0), 0, |taken, seq, offset, data| {
-                // Of before the upload, which lay on the line: more than there is now, and within the blob.
+                // Of before the upload, which lay on the line: more than there is now, and within
+                // the blob.
                 let old = (seq.wrapping_sub(100), Ok(Response::Received { len: 500 }));
                 vec![old, (seq, taken.chunk(seq, offset, data))]
             })?;
@@ -762,7 +767,8 @@ const LAWS: &[(&str, Law)] = &[
                     is_lost = true;
                     return vec![];
                 }
-                // Answers come when the window is full, so that some are under way when the first tells of the loss.
+                // Answers come when the window is full, so that some are under way when the first
+                // tells of the loss.
                 waiting.push((seq, taken.chunk(seq, offset, data)));
                 if is_lost && waiting.len() < 2 && taken.bytes.len() == 100 {
                     return vec![];

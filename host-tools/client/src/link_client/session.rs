@@ -57,7 +57,8 @@ pub(super) struct Answer<'a> {
 }
 
 impl Answer<'_> {
-    /// Whether it is to a request of this kind. A robot that did not understand a message cannot tell.
+    /// Whether it is to a request of this kind. A robot that did not understand a message cannot
+    /// tell.
     pub(super) fn is_of(&self, kind: u8) -> bool {
         let is_misunderstood = matches!(self.result, Err(LinkError::Malformed));
         self.of == kind || self.of == UNKNOWN && is_misunderstood || planted!(OtherKindTaken)
@@ -86,8 +87,8 @@ impl Expected {
         }
     }
 
-    /// Whether the robot may say so without a proof: it knows of no session, or of another one. Whoever else
-    /// says so can do no more than have another one begun.
+    /// Whether the robot may say so without a proof: it knows of no session, or of another one.
+    /// Whoever else says so can do no more than have another one begun.
     pub(super) fn is_ended_by(&self, answer: &Answer<'_>) -> bool {
         const PROVEN: u8 = Request::Proven {
             number: 0,

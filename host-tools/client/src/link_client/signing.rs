@@ -53,12 +53,14 @@ impl Signing {
         self.has_owner() && needs(request) == Needs::Key
     }
 
-    /// Whether the robot has an owner: in a session it has shown that it does, whatever is said outside.
+    /// Whether the robot has an owner: in a session it has shown that it does, whatever is said
+    /// outside.
     pub(super) fn has_owner(&self) -> bool {
         self.session.is_some() || matches!(self.access, Access::Locked | Access::Recovering)
     }
 
-    /// What the robot says of its access, outside of a session, where anybody may answer in its place.
+    /// What the robot says of its access, outside of a session, where anybody may answer in its
+    /// place.
     pub(super) fn told(&mut self, access: Access) {
         self.access = access;
         self.only_reads = false;
@@ -113,12 +115,14 @@ impl<L: ByteLink> LinkClient<L> {
         self.signing.insists = true;
     }
 
-    /// Whether what the robot says is proven to be its own, as far as it must be: it has an owner, and this is its session.
+    /// Whether what the robot says is proven to be its own, as far as it must be: it has an owner,
+    /// and this is its session.
     pub fn is_proven(&self) -> bool {
         self.signing.session.is_some() || !self.signing.has_owner()
     }
 
-    /// Which key the robot says that it has. Anybody may answer in its place: in a session with the owner of that key it has shown it.
+    /// Which key the robot says that it has. Anybody may answer in its place: in a session with the
+    /// owner of that key it has shown it.
     ///
     /// # Errors
     /// [`ClientError`]; refused with [`LinkError::NoKey`] where the robot has none.
@@ -134,7 +138,8 @@ impl<L: ByteLink> LinkClient<L> {
         })
     }
 
-    /// Opens a session with the robot's owner, if a request is for one and there is none yet. Who has no key may read.
+    /// Opens a session with the robot's owner, if a request is for one and there is none yet. Who
+    /// has no key may read.
     pub(super) fn open_session_for(
         &mut self,
         request: &Request<'_>,
@@ -264,7 +269,8 @@ impl<L: ByteLink> LinkClient<L> {
         }
     }
 
-    /// Asks for a nonce, which is good for one signed request, and for the counter of the last upload.
+    /// Asks for a nonce, which is good for one signed request, and for the counter of the last
+    /// upload.
     fn challenge(&mut self) -> Result<([u8; NONCE_BYTES], u64), ClientError> {
         self.ask("challenge", Request::Challenge, |response| match response {
             Response::Challenge { nonce, counter } => Some((nonce, counter)),
@@ -317,7 +323,8 @@ impl<L: ByteLink> LinkClient<L> {
         self.change_key("remove the key", Request::RemoveKey)
     }
 
-    /// Has the key changed, and asks what holds then: also where the flash is said not to have taken it.
+    /// Has the key changed, and asks what holds then: also where the flash is said not to have
+    /// taken it.
     fn change_key(&mut self, name: &'static str, request: Request<'_>) -> Result<(), ClientError> {
         let changed = self.ask_to_do(name, request);
         let greeted = match &changed {
@@ -359,7 +366,8 @@ impl<L: ByteLink> LinkClient<L> {
             .ok_or(ClientError::Unproven { request: "sign" })
     }
 
-    /// Has a request signed, with the signature of the upload that it is about or [`NO_UPLOAD`], and sends it until its answer is there.
+    /// Has a request signed, with the signature of the upload that it is about or [`NO_UPLOAD`],
+    /// and sends it until its answer is there.
     pub(super) fn exchange_signed<T>(
         &mut self,
         name: &'static str,

@@ -1,4 +1,5 @@
-//! Streams from the robot, put together again: whole trace records and log bytes, and a word where something is missing.
+//! Streams from the robot, put together again: whole trace records and log bytes, and a word where
+//! something is missing.
 
 use esm_link::message::{Channel, Stream};
 use esm_link::news::News;
@@ -19,13 +20,15 @@ pub enum StreamEvent {
     Record(Vec<u8>),
     /// Values that were on nets of the mission at the same time.
     Values {
-        /// Number of the request that asked for them: samples of one before may come behind its answer.
+        /// Number of the request that asked for them: samples of one before may come behind its
+        /// answer.
         number: u8,
         /// Nets whose values there was no room for.
         left_out: u8,
         /// Bit n: the nth of the nets that were asked for holds a value, which is here.
         has: u32,
-        /// Nominal start of the macro step behind which they were read, in microseconds since the mission started.
+        /// Nominal start of the macro step behind which they were read, in microseconds since the
+        /// mission started.
         t_us: u64,
         /// Bits of all fields of all values, one behind the other.
         words: Vec<u32>,
@@ -38,7 +41,8 @@ pub enum StreamEvent {
     /// So many lines of the log are missing here, for which the robot had no room. Those before and
     /// behind are whole.
     LinesLost(u32),
-    /// Something did not come: the robot had no room for it, or the line lost it. A trace or recording with such a gap is not whole.
+    /// Something did not come: the robot had no room for it, or the line lost it. A trace or
+    /// recording with such a gap is not whole.
     Gap {
         /// Of which stream.
         channel: Channel,
@@ -47,10 +51,12 @@ pub enum StreamEvent {
     },
 }
 
-/// What a record of a stream has at most, in bytes: one that tells of all words of an interpreter, of five bytes each, in more RAM than a robot of this kind has.
+/// What a record of a stream has at most, in bytes: one that tells of all words of an interpreter,
+/// of five bytes each, in more RAM than a robot of this kind has.
 const MAX_RECORD_BYTES: usize = 64 * 1024;
 
-/// What is kept at most of what streams brought until somebody fetches it, in bytes: more than a line brings while a request is waited for as long as any is.
+/// What is kept at most of what streams brought until somebody fetches it, in bytes: more than a
+/// line brings while a request is waited for as long as any is.
 const MAX_WAITING_BYTES: usize = 4 * 1024 * 1024;
 
 /// What an event takes beside its bytes.

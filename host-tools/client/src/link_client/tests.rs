@@ -172,7 +172,8 @@ fn a_line_that_is_cut_is_told_at_once() {
 
 #[test]
 fn a_robot_of_another_version_is_named_as_such() {
-    // As version 2 answered: its answer ends where that of today goes on. And what a later one has behind its number, nobody knows.
+    // As version 2 answered: its answer ends where that of today goes on. And what a later one has
+    // behind its number, nobody knows.
     let older =
         |seq: u8, frame: &mut [u8]| frame::encode(&(0u8, seq, 0u8, 0u8, 2u16, "old"), frame);
     let newer = |seq: u8, frame: &mut [u8]| {
@@ -214,8 +215,8 @@ fn a_robot_of_another_version_is_named_as_such() {
     }
 }
 
-/// A line with a time of its own, and a robot at its end that takes uploads: a byte takes its time on the wire, and an answer as long again as it
-/// takes to be made.
+/// A line with a time of its own, and a robot at its end that takes uploads: a byte takes its time
+/// on the wire, and an answer as long again as it takes to be made.
 struct Timed {
     time: Arc<Waited>,
     byte_us: f64,
@@ -340,7 +341,8 @@ fn a_robot_hears_of_a_host_that_only_listens() {
     assert_eq!(robot.counts.retries, before);
 }
 
-/// A line to which a process listens that is suspended the first time, for longer than anybody waits.
+/// A line to which a process listens that is suspended the first time, for longer than anybody
+/// waits.
 struct Suspended {
     line: Timed,
     was: bool,

@@ -1,10 +1,12 @@
-//! How long to wait for a reply before the request is sent again: as long as replies have taken, and some more. And when to give up.
+//! How long to wait for a reply before the request is sent again: as long as replies have taken,
+//! and some more. And when to give up.
 
 use std::time::{Duration, Instant};
 
 use super::ClientError;
 
-/// How long a request may take in all, repetitions included, while nothing at all comes from the robot.
+/// How long a request may take in all, repetitions included, while nothing at all comes from the
+/// robot.
 pub(super) const REQUEST_DEADLINE: Duration = Duration::from_secs(6);
 
 /// How long it may take while something does come: a robot is there, and the line is bad.
@@ -14,15 +16,18 @@ const FIRST_WAIT: Duration = Duration::from_millis(300);
 const SHORTEST_WAIT: Duration = Duration::from_millis(40);
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
-/// How often a wait is doubled at most. On a line that spoils one byte in ten, one sending in six is answered.
+/// How often a wait is doubled at most. On a line that spoils one byte in ten, one sending in six
+/// is answered.
 const MOST_DOUBLINGS: u32 = 2;
 
-/// What a byte of a request may take until the robot has it: as on a line of 19,200 bits per second. The replies to short requests say
-/// nothing of this. An emulated board that keeps to the wall clock needs two thirds of it, since its serial port stands still while it
-/// waits for its plant.
+/// What a byte of a request may take until the robot has it: as on a line of 19,200 bits per
+/// second. The replies to short requests say nothing of this. An emulated board that keeps to the
+/// wall clock needs two thirds of it, since its serial port stands still while it waits for its
+/// plant.
 const BYTE_TIME: Duration = Duration::from_micros(500);
 
-/// Estimates the time that a reply takes, in the manner of TCP (Jacobson 1988): a running mean and a running deviation.
+/// Estimates the time that a reply takes, in the manner of TCP (Jacobson 1988): a running mean and
+/// a running deviation.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ReplyTime {
     estimate: Option<(Duration, Duration)>,
@@ -36,7 +41,8 @@ impl ReplyTime {
         time
     }
 
-    /// A reply took this long. Only of requests that were sent once: of the others nobody knows which sending was answered.
+    /// A reply took this long. Only of requests that were sent once: of the others nobody knows
+    /// which sending was answered.
     pub(super) fn seen(&mut self, took: Duration) {
         self.estimate = Some(match self.estimate {
             None => (took, took / 2),
@@ -52,8 +58,9 @@ impl ReplyTime {
         self.estimate.is_some()
     }
 
-    /// How long to wait the `attempt`-th time, from 0, for the reply to a request of `request_bytes`. Later attempts wait longer, should
-    /// the line be slow and not lossy; but not much longer, should it be lossy.
+    /// How long to wait the `attempt`-th time, from 0, for the reply to a request of
+    /// `request_bytes`. Later attempts wait longer, should the line be slow and not lossy; but not
+    /// much longer, should it be lossy.
     pub(super) fn wait(&self, attempt: u32, request_bytes: usize) -> Duration {
         let base = match self.estimate {
             None => FIRST_WAIT,
@@ -65,7 +72,8 @@ impl ReplyTime {
     }
 }
 
-/// What a look at the clock counts at most. Who looks seldomer was suspended, or got no processor: he has heard nothing meanwhile, and the answer that he waits for may lie in the line.
+/// What a look at the clock counts at most. Who looks seldomer was suspended, or got no processor:
+/// he has heard nothing meanwhile, and the answer that he waits for may lie in the line.
 const LONGEST_LOOK: Duration = Duration::from_secs(1);
 
 /// How long a request, or the next step of an upload, has been waited for.
@@ -124,7 +132,8 @@ impl Patience {
         self.silent < REQUEST_DEADLINE && self.spent < NOISY_DEADLINE
     }
 
-    /// Whether a request is still as fresh as the person who asked for it expects: a command that was put off for longer is not sent anew.
+    /// Whether a request is still as fresh as the person who asked for it expects: a command that
+    /// was put off for longer is not sent anew.
     pub(super) fn is_fresh(&self, now: Instant) -> bool {
         now.saturating_duration_since(self.started) < REQUEST_DEADLINE
     }

@@ -1,11 +1,14 @@
 //! An upload: chunks sent ahead of their answers, as many as the robot lets be on their way.
 //!
-//! The robot takes chunks in order and answers how much of the blob it has, without a gap. So one answer speaks for all chunks before it, and one that is
-//! lost costs nothing. What a robot would have to remember to take chunks out of their order, it has no room for.
+//! The robot takes chunks in order and answers how much of the blob it has, without a gap. So one
+//! answer speaks for all chunks before it, and one that is lost costs nothing. What a robot would
+//! have to remember to take chunks out of their order, it has no room for.
 //!
-//! The next chunk is the one that brings most: answers tell how often the line [loses](super::loss) a chunk, which tells how likely the robot has
-//! each chunk that was sent and not answered yet. On a good line that is the chunk behind those, and all that were sent have arrived. On a bad one chunks are short,
-//! and one is sent again, unasked, as long as that is likelier to bring something than what is behind it.
+//! The next chunk is the one that brings most: answers tell how often the line [loses](super::loss)
+//! a chunk, which tells how likely the robot has each chunk that was sent and not answered yet. On
+//! a good line that is the chunk behind those, and all that were sent have arrived. On a bad one
+//! chunks are short, and one is sent again, unasked, as long as that is likelier to bring something
+//! than what is behind it.
 
 use std::time::{Duration, Instant};
 
@@ -18,7 +21,8 @@ use super::timing::{Patience, ReplyTime};
 use super::{ClientError, LinkClient, STOP_LOOK};
 use crate::serial::ByteLink;
 
-/// A chunk that is likely to bring less than this part of its bytes is not sent: better wait for an answer.
+/// A chunk that is likely to bring less than this part of its bytes is not sent: better wait for an
+/// answer.
 const LEAST_WORTH: f64 = 0.05;
 
 /// Chunks that are remembered, so that their answers are known: fewer than there are numbers.
@@ -91,12 +95,14 @@ impl Standing {
         }
     }
 
-    /// Bytes that the line may have to carry at a time: of a window in the largest chunks, or as many in shorter ones, sent once or again.
+    /// Bytes that the line may have to carry at a time: of a window in the largest chunks, or as
+    /// many in shorter ones, sent once or again.
     fn frame_bytes_ahead(&self) -> usize {
         self.window * (self.largest_chunk + OVERHEAD) / self.largest_chunk
     }
 
-    /// How many bytes the robot has by now, and how likely, in the order of the bytes. A chunk that arrives brings it from anywhere within the chunk to its end.
+    /// How many bytes the robot has by now, and how likely, in the order of the bytes. A chunk that
+    /// arrives brings it from anywhere within the chunk to its end.
     fn likely(&self, loss: &Loss) -> Vec<(usize, f64)> {
         let mut likely = vec![(self.there, 1.0)];
         for chunk in self.waited_for() {
@@ -167,7 +173,8 @@ impl Standing {
         });
     }
 
-    /// Whether an answer is the robot's own, and to a chunk. Anybody may say that there is no session.
+    /// Whether an answer is the robot's own, and to a chunk. Anybody may say that there is no
+    /// session.
     fn accepts(&mut self, answer: &Answer<'_>) -> bool {
         let chunk = (self.sent.iter()).rfind(|chunk| chunk.seq == answer.seq);
         let Some(chunk) = chunk else {
@@ -179,7 +186,8 @@ impl Standing {
         answer.is_of(CHUNK_KIND) && chunk.expected.accepts(answer)
     }
 
-    /// Takes the answer to the request of this number, and lets it tell how bad the line is. Answers when the chunk was sent, if it was one.
+    /// Takes the answer to the request of this number, and lets it tell how bad the line is.
+    /// Answers when the chunk was sent, if it was one.
     fn take(
         &mut self,
         seq: u8,
@@ -204,7 +212,8 @@ impl Standing {
                 self.forgotten = !planted!(LossForgotten);
                 return None;
             }
-            // Noise whose checksum is right, once in four thousand million spoiled frames: as good as a lost chunk.
+            // Noise whose checksum is right, once in four thousand million spoiled frames: as good
+            // as a lost chunk.
             Err(LinkError::Malformed) => self.there,
             Err(error) => {
                 self.refused = Some(error);
@@ -258,8 +267,9 @@ impl Standing {
 }
 
 impl<L: ByteLink> LinkClient<L> {
-    /// Brings a mission to the robot, signed if the robot has a key, without letting it take over. `progress` is told the bytes that are there. An upload of the same blob that was
-    /// broken off goes on where it was.
+    /// Brings a mission to the robot, signed if the robot has a key, without letting it take over.
+    /// `progress` is told the bytes that are there. An upload of the same blob that was broken off
+    /// goes on where it was.
     ///
     /// # Errors
     /// [`ClientError`]
@@ -270,7 +280,8 @@ impl<L: ByteLink> LinkClient<L> {
     ) -> Result<(), ClientError> {
         let mut loss = Loss::UNKNOWN;
         let mut stuck = LinkError::NoUpload;
-        // Bytes that the robot had at most: each of the others earns its time once, however often it is sent.
+        // Bytes that the robot had at most: each of the others earns its time once, however often
+        // it is sent.
         let mut most = None;
         for _ in 0..BEGIN_LIMIT {
             let there = self.begin(blob)?;
@@ -282,7 +293,8 @@ impl<L: ByteLink> LinkClient<L> {
                 return Ok(());
             }
             match self.sign_upload(blob) {
-                // The key is the robot's, so that the bytes are others: somebody has sent them under this checksum, or something else meanwhile.
+                // The key is the robot's, so that the bytes are others: somebody has sent them
+                // under this checksum, or something else meanwhile.
                 Err(ClientError::Refused { error, .. }) if is_of_other_bytes(error) => {
                     stuck = error;
                 }
@@ -328,7 +340,8 @@ impl<L: ByteLink> LinkClient<L> {
     ) -> Result<bool, ClientError> {
         let mut standing = Standing::new(blob.len(), there, self.uploads);
         let mut patience = Patience::new(self.clock.now());
-        // What answers to chunks take. Each chunk has a number of its own, so that it is known which sending was answered.
+        // What answers to chunks take. Each chunk has a number of its own, so that it is known
+        // which sending was answered.
         let mut chunk_time = ReplyTime::default();
         // Waits in a row in which nothing was heard.
         let mut attempt = 0;

@@ -1,13 +1,16 @@
 //! The link inside the plant exchange: a board and a client that share one virtual time.
 //!
-//! The board swaps bytes at fixed times of its own clock ([`rt_firmware::body::line`]) and stands still until it has an answer. The client's clock
-//! counts these swaps, and nothing else. While the client thinks, no swap is answered; while it waits, for bytes or for time to pass, swaps go on until
-//! what it waits for is there. So who comes first never depends on this machine, and two runs are equal to the byte.
+//! The board swaps bytes at fixed times of its own clock ([`rt_firmware::body::line`]) and stands
+//! still until it has an answer. The client's clock counts these swaps, and nothing else. While the
+//! client thinks, no swap is answered; while it waits, for bytes or for time to pass, swaps go on
+//! until what it waits for is there. So who comes first never depends on this machine, and two runs
+//! are equal to the byte.
 //!
-//! The line's time begins with the board's first swap: whatever the client does before waits for that. So it does not depend on this machine either
-//! which of the two comes first to the line.
+//! The line's time begins with the board's first swap: whatever the client does before waits for
+//! that. So it does not depend on this machine either which of the two comes first to the line.
 //!
-//! Each swap carries what a line of 115,200 baud carries in its time, in each direction, and what is sent to an idle line does not come faster.
+//! Each swap carries what a line of 115,200 baud carries in its time, in each direction, and what
+//! is sent to an idle line does not come faster.
 
 use std::collections::VecDeque;
 use std::io;
@@ -19,7 +22,8 @@ use rt_firmware::body::line::{INTERVAL_US, LinePart, PART_BYTES};
 use crate::serial::ByteLink;
 use crate::serial::clock::{Clock, SimulatedTime};
 
-/// How long the client waits on the wall for a board that swaps no bytes before it takes it for hung.
+/// How long the client waits on the wall for a board that swaps no bytes before it takes it for
+/// hung.
 pub const STANDSTILL_LIMIT: Duration = Duration::from_secs(30);
 
 /// How often it looks meanwhile. A process that was suspended has looked once.
@@ -110,7 +114,8 @@ impl State {
 }
 
 impl Shared {
-    /// A thread that panicked while it held the lock left plain bytes behind: they are as good as before.
+    /// A thread that panicked while it held the lock left plain bytes behind: they are as good as
+    /// before.
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -195,7 +200,8 @@ pub struct BoardEnd {
 }
 
 impl BoardEnd {
-    /// One swap: takes what the board sends, lets the client do what it does with that, and answers what is for the board.
+    /// One swap: takes what the board sends, lets the client do what it does with that, and answers
+    /// what is for the board.
     pub fn swap(&self, from_board: &LinePart) -> LinePart {
         let room = from_board.room();
         let mut answer = LinePart::new(0);
@@ -281,7 +287,8 @@ mod tests {
     use super::*;
     use crate::serial::noise::{Noise, Noisy};
 
-    /// A board that sends back what it got, and takes `room` bytes at once, until its client is gone. Answers how many swaps carried so many bytes.
+    /// A board that sends back what it got, and takes `room` bytes at once, until its client is
+    /// gone. Answers how many swaps carried so many bytes.
     fn echo(end: BoardEnd, room: usize) -> std::thread::JoinHandle<Vec<usize>> {
         std::thread::spawn(move || {
             let mut carried = Vec::new();

@@ -1,15 +1,17 @@
 //! How fast robot time may run against the wall clock.
 //!
-//! Robot time of an emulated board runs as fast as the machine can. That is wrong in two cases: where a person watches, and while a
-//! request over the serial line is open, since the line's bytes are paced by the wall clock, and a robot that raced ahead meanwhile
-//! would see an upload of a second take a minute.
+//! Robot time of an emulated board runs as fast as the machine can. That is wrong in two cases:
+//! where a person watches, and while a request over the serial line is open, since the line's bytes
+//! are paced by the wall clock, and a robot that raced ahead meanwhile would see an upload of a
+//! second take a minute.
 
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Lateness that is caught up. Beyond it, robot time has stood still (a busy machine, a suspended laptop) and starts from there,
-/// since catching up would be a burst of robot time faster than the wall clock.
+/// Lateness that is caught up. Beyond it, robot time has stood still (a busy machine, a suspended
+/// laptop) and starts from there, since catching up would be a burst of robot time faster than the
+/// wall clock.
 const CATCH_UP_LIMIT: Duration = Duration::from_millis(20);
 
 /// The clock of a run, shared by the board, the plant and the link client.
@@ -32,7 +34,8 @@ struct Anchor {
 }
 
 impl Pace {
-    /// A clock that runs freely but for [`Pace::hold`]; or, with `realtime`, never faster than the wall clock.
+    /// A clock that runs freely but for [`Pace::hold`]; or, with `realtime`, never faster than the
+    /// wall clock.
     pub fn new(realtime: bool) -> Arc<Self> {
         Arc::new(Pace {
             always_realtime: realtime,
@@ -44,8 +47,8 @@ impl Pace {
         })
     }
 
-    /// Holds robot time from `robot_us` on, or with `None` no more: for something that is to happen then, by someone who looks at the
-    /// clock only now and then.
+    /// Holds robot time from `robot_us` on, or with `None` no more: for something that is to happen
+    /// then, by someone who looks at the clock only now and then.
     pub fn hold_from(&self, robot_us: Option<u64>) {
         self.hold_from_us
             .store(robot_us.unwrap_or(u64::MAX), Relaxed);

@@ -1,4 +1,5 @@
-//! The plant as a board and an onlooker share it: the board exchanges pins with it, the onlooker asks how the drive went.
+//! The plant as a board and an onlooker share it: the board exchanges pins with it, the onlooker
+//! asks how the drive went.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -22,19 +23,22 @@ pub struct SonarBreak {
 /// What happens to the robot's body that its world knows nothing of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlantFault {
-    /// From this robot time on, in microseconds, the plant answers every exchange with its last answer before.
+    /// From this robot time on, in microseconds, the plant answers every exchange with its last
+    /// answer before.
     FrozenFrom {
         /// Robot time in microseconds.
         robot_us: u64,
     },
-    /// From this robot time on the button of the emergency stop is pressed: it locks, as such buttons do.
+    /// From this robot time on the button of the emergency stop is pressed: it locks, as such
+    /// buttons do.
     StopPressedFrom {
         /// Robot time in microseconds.
         robot_us: u64,
     },
 }
 
-/// A plant behind a board's pins, shared by the thread that answers the board and the one that watches.
+/// A plant behind a board's pins, shared by the thread that answers the board and the one that
+/// watches.
 #[derive(Clone)]
 pub struct PlantSide {
     shared: Arc<Mutex<Shared>>,
@@ -99,7 +103,8 @@ impl PlantSide {
         self.lock().fault = pressed.then_some(PlantFault::StopPressedFrom { robot_us: 0 });
     }
 
-    /// One exchange with the board; waits first where robot time must not run ahead of the wall clock.
+    /// One exchange with the board; waits first where robot time must not run ahead of the wall
+    /// clock.
     pub fn exchange(&self, request: &Request) -> Reply {
         self.pace.reach(request.start_us);
         let mut shared = self.lock();
@@ -155,7 +160,8 @@ impl PlantSide {
         &self.pace
     }
 
-    /// A thread that panicked while it held the lock has left a plant between two of its steps, which still is one.
+    /// A thread that panicked while it held the lock has left a plant between two of its steps,
+    /// which still is one.
     fn lock(&self) -> MutexGuard<'_, Shared> {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -118,8 +118,9 @@ pub enum FirmwareError {
     },
 }
 
-/// The firmware's file: `named` if there is one, else what the checkout around `from` has built. `tell` is told what is about to be
-/// built, before that takes its minutes, or that what was built is older than its sources.
+/// The firmware's file: `named` if there is one, else what the checkout around `from` has built.
+/// `tell` is told what is about to be built, before that takes its minutes, or that what was built
+/// is older than its sources.
 ///
 /// # Errors
 /// [`FirmwareError`]: what is missing, and what to do.
@@ -199,7 +200,8 @@ pub fn check(path: &Path) -> Result<(), FirmwareError> {
     }
 }
 
-/// The first file of the checkout, by its name, that `firmware` was made of and that has changed or gone since. None where nobody wrote down what it was made of.
+/// The first file of the checkout, by its name, that `firmware` was made of and that has changed or
+/// gone since. None where nobody wrote down what it was made of.
 fn newer_source(checkout: &Path, firmware: &Path) -> Option<PathBuf> {
     let built = modified(firmware)?;
     // Cargo names its files as the system does.
@@ -215,7 +217,8 @@ fn newer_source(checkout: &Path, firmware: &Path) -> Option<PathBuf> {
     sources.into_iter().find(is_newer)
 }
 
-/// The checkout in which cargo wrote the list `made_of`: what is made comes first, and stands in a known place below it.
+/// The checkout in which cargo wrote the list `made_of`: what is made comes first, and stands in a
+/// known place below it.
 fn built_in(made_of: &str) -> Option<PathBuf> {
     let (made, _) = made_of.split_once(": ")?;
     let made = made.replace("\\ ", " ");
@@ -227,7 +230,8 @@ fn modified(file: &Path) -> Option<SystemTime> {
     file.metadata().ok()?.modified().ok()
 }
 
-/// The files in a list that cargo wrote: what is made, a colon, and what it is made of, with a backslash before each blank that is part of a name.
+/// The files in a list that cargo wrote: what is made, a colon, and what it is made of, with a
+/// backslash before each blank that is part of a name.
 fn sources(made_of: &str) -> impl Iterator<Item = PathBuf> {
     /// What no name contains.
     const BLANK: &str = "\0";

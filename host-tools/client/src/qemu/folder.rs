@@ -1,7 +1,8 @@
 //! The folder of a run, and what is left of runs whose program was killed.
 //!
-//! Who has a folder holds a lock on a file in it, which the system lets go of however the program ends. So whoever makes the next folder knows which of the
-//! others nobody has any more, and removes them.
+//! Who has a folder holds a lock on a file in it, which the system lets go of however the program
+//! ends. So whoever makes the next folder knows which of the others nobody has any more, and
+//! removes them.
 
 use std::fs::{self, File};
 use std::io;
@@ -17,7 +18,8 @@ const PREFIX: &str = "esm-";
 const OWNER_FILE: &str = "owner";
 const NEW_OWNER_FILE: &str = "new-owner";
 
-/// A folder that is removed when this is dropped, or when the next one is made after this process has ended without doing so.
+/// A folder that is removed when this is dropped, or when the next one is made after this process
+/// has ended without doing so.
 pub struct RunFolder {
     // Removed before the lock is let go of.
     folder: TempDir,

@@ -1,8 +1,10 @@
-//! The emulated board: a QEMU process that runs the firmware, its serial line, and the pipes to the plant.
+//! The emulated board: a QEMU process that runs the firmware, its serial line, and the pipes to the
+//! plant.
 //!
-//! Everything of one run lives in a folder of its own under the system's temporary folder, and ends with the [`Emulator`]: on drop,
-//! on Ctrl-C (a handler that makes the main loop return), and, where `setpriv` is installed, even if this process is killed. What is left of the folder then goes
-//! with the next run.
+//! Everything of one run lives in a folder of its own under the system's temporary folder, and ends
+//! with the [`Emulator`]: on drop, on Ctrl-C (a handler that makes the main loop return), and,
+//! where `setpriv` is installed, even if this process is killed. What is left of the folder then
+//! goes with the next run.
 
 pub mod firmware;
 pub mod folder;
@@ -32,23 +34,28 @@ pub fn machine() -> &'static str {
     firmware::about().machine().unwrap_or_default()
 }
 
-/// What becomes of the virtual time in which the emulated processor sleeps. An instruction takes 2^6 ns of it in any case.
+/// What becomes of the virtual time in which the emulated processor sleeps. An instruction takes
+/// 2^6 ns of it in any case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Idle {
-    /// It passes at once: two runs are equal to the tick. Where a run keeps to the wall clock, it does so while the firmware waits for the plant, and no
-    /// UART is served meanwhile: answers come in bursts.
+    /// It passes at once: two runs are equal to the tick. Where a run keeps to the wall clock, it
+    /// does so while the firmware waits for the plant, and no UART is served meanwhile: answers
+    /// come in bursts.
     Passes,
-    /// It lasts as long as on the wall, and the UART is served as on a wire. The price is that a slot begins late where this machine wakes up late.
+    /// It lasts as long as on the wall, and the UART is served as on a wire. The price is that a
+    /// slot begins late where this machine wakes up late.
     Lasts,
 }
 
 impl Idle {
-    /// What QEMU is told, `alone` where nothing but the firmware's semihosting goes into it or comes out of it.
+    /// What QEMU is told, `alone` where nothing but the firmware's semihosting goes into it or
+    /// comes out of it.
     ///
-    /// The thread that lets time pass for a processor that sleeps runs beside the processor's own. It sees the sleep
-    /// before the last instructions are counted, and may let too much time pass then: a slot begins late by as many, and
-    /// that in one run and not in the next. While QEMU records a run, neither thread looks while the other works. So it
-    /// records, and nobody keeps it. Bytes of a UART would be recorded, too, and wait for moments at which they can be.
+    /// The thread that lets time pass for a processor that sleeps runs beside the processor's own.
+    /// It sees the sleep before the last instructions are counted, and may let too much time pass
+    /// then: a slot begins late by as many, and that in one run and not in the next. While QEMU
+    /// records a run, neither thread looks while the other works. So it records, and nobody keeps
+    /// it. Bytes of a UART would be recorded, too, and wait for moments at which they can be.
     fn instruction_counting(self, alone: bool) -> &'static str {
         match self {
             Idle::Passes if alone => "shift=6,sleep=off,rr=record,rrfile=/dev/null",
@@ -121,7 +128,8 @@ fn told(console: &str) -> String {
 
 /// A running emulator. Dropping it ends the process and removes its folder.
 ///
-/// To be started by a thread that outlives it: the system ends the emulator with the thread that started it.
+/// To be started by a thread that outlives it: the system ends the emulator with the thread that
+/// started it.
 pub struct Emulator {
     process: Child,
     plant: PipeServer,

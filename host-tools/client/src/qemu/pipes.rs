@@ -1,8 +1,9 @@
-//! The named pipes between the emulated board and the plant, two for its pins, two for its flash, and two for its link where the plant carries that, and the
-//! threads that serve them.
+//! The named pipes between the emulated board and the plant, two for its pins, two for its flash,
+//! and two for its link where the plant carries that, and the threads that serve them.
 //!
-//! The firmware opens them by semihosting and blocks in them, which stops its virtual time: board and plant run in lock step. The
-//! threads never wait for the link client, nor the client for them, but where the plant carries the link: there, that is what makes runs repeat.
+//! The firmware opens them by semihosting and blocks in them, which stops its virtual time: board
+//! and plant run in lock step. The threads never wait for the link client, nor the client for them,
+//! but where the plant carries the link: there, that is what makes runs repeat.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -84,7 +85,8 @@ impl PipeServer {
         })
     }
 
-    /// Starts to serve a pair of pipes in `folder` with `serve`, which is given both as soon as the board has asked for something.
+    /// Starts to serve a pair of pipes in `folder` with `serve`, which is given both as soon as the
+    /// board has asked for something.
     ///
     /// # Errors
     /// What the system says of the pipe of requests or of the thread.
@@ -117,7 +119,8 @@ impl PipeServer {
         })
     }
 
-    /// Ends the thread; to be called when the emulator has ended, since a board that lives keeps the pipes open.
+    /// Ends the thread; to be called when the emulator has ended, since a board that lives keeps
+    /// the pipes open.
     pub fn stop(&mut self) {
         self.stop.store(true, Relaxed);
         if let Some(thread) = self.thread.take() {
@@ -133,7 +136,8 @@ impl Drop for PipeServer {
     }
 }
 
-/// Opens the pipe of replies as soon as the board reads from it; `None` where the emulator ended before.
+/// Opens the pipe of replies as soon as the board reads from it; `None` where the emulator ended
+/// before.
 fn open_replies(path: &Path, stop: &AtomicBool) -> io::Result<Option<File>> {
     while !stop.load(Relaxed) {
         let opened = OpenOptions::new()
@@ -155,7 +159,8 @@ fn open_replies(path: &Path, stop: &AtomicBool) -> io::Result<Option<File>> {
     Ok(None)
 }
 
-/// Waits for the first request: before the board has opened its end, a read would see the end of the file.
+/// Waits for the first request: before the board has opened its end, a read would see the end of
+/// the file.
 fn wait_for_request(requests: &File, stop: &AtomicBool) -> io::Result<bool> {
     while !stop.load(Relaxed) {
         let mut watched = [PollFd::new(requests.as_fd(), PollFlags::POLLIN)];

@@ -90,7 +90,8 @@ pub enum LinkWay {
     /// Over the emulated board's UART, and to the host board by a pipe: by the clock on the wall.
     #[default]
     Uart,
-    /// Inside the plant exchange, in the board's virtual time: the run repeats to the byte, uploads included.
+    /// Inside the plant exchange, in the board's virtual time: the run repeats to the byte, uploads
+    /// included.
     Exchange,
 }
 
@@ -120,7 +121,8 @@ pub enum RunningBoard {
 }
 
 impl RunningBoard {
-    /// Starts a board with `plant` behind its pins; answers it and its line, which goes the way of `link`.
+    /// Starts a board with `plant` behind its pins; answers it and its line, which goes the way of
+    /// `link`.
     ///
     /// # Errors
     /// [`BoardError`]

@@ -1,4 +1,5 @@
-//! One run: a board is started, missions are brought to it over its line, its streams are followed until the end.
+//! One run: a board is started, missions are brought to it over its line, its streams are followed
+//! until the end.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -39,7 +40,8 @@ const LISTEN_TIME: Duration = Duration::from_millis(20);
 /// How long a robot whose time is over may take to say its last words.
 const SILENCE_AT_END: Duration = Duration::from_millis(300);
 
-/// Where that time is the wall's: how often in a row it answers and has nothing else to say. On a loaded machine a robot that is silent may have got no processor.
+/// Where that time is the wall's: how often in a row it answers and has nothing else to say. On a
+/// loaded machine a robot that is silent may have got no processor.
 const SILENT_ANSWERS: u32 = 15;
 
 /// The task whose missions want to hear of the host.
@@ -69,7 +71,8 @@ pub struct Plan {
     pub board: Board,
     /// How its link goes.
     pub link: LinkWay,
-    /// What bytes on their way to the robot suffer. What it says comes through: a trace with holes is none.
+    /// What bytes on their way to the robot suffer. What it says comes through: a trace with holes
+    /// is none.
     pub noise: Option<Noise>,
     /// The world around the robot.
     pub world: World,
@@ -89,7 +92,8 @@ pub struct Plan {
     pub plant_fault: Option<PlantFault>,
     /// Sonars that break while it runs.
     pub sonar_breaks: Vec<SonarBreak>,
-    /// The flash beside it; without, one that has no mission and lets none of the firmware's own run.
+    /// The flash beside it; without, one that has no mission and lets none of the firmware's own
+    /// run.
     pub flash: Option<Flash>,
     /// Signs, if the robot has a key, which a flash may hold.
     pub key: Option<KeyLoader>,
@@ -110,7 +114,8 @@ impl Planned {
 }
 
 impl Plan {
-    /// A run of these missions as `esm run` makes it where nothing else is said, over the UART and without an end.
+    /// A run of these missions as `esm run` makes it where nothing else is said, over the UART and
+    /// without an end.
     pub fn new(board: Board, world: World, missions: Vec<Planned>) -> Self {
         Plan {
             board,
@@ -322,7 +327,8 @@ impl<W: Write> Driver<W> {
             let names = &planned.mission.task_names;
             names.iter().any(|name| name == LINK_MONITOR)
         });
-        // A robot measures the silence of its host in its own time: it must not run ahead of the clock by which this program calls.
+        // A robot measures the silence of its host in its own time: it must not run ahead of the
+        // clock by which this program calls.
         let pace = Pace::new(plan.realtime || (calls && plan.link == LinkWay::Uart));
         let plant = Plant::new(plan.world, BodyParameters::default(), plan.seed)?;
         let keeps_flash = plan.flash.is_some();
@@ -443,8 +449,8 @@ impl<W: Write> Driver<W> {
         }
     }
 
-    /// Whether the time of interest has passed without the macro step that would have ended the story: in a stop or in the safe state
-    /// robot time goes on, and the machine does not.
+    /// Whether the time of interest has passed without the macro step that would have ended the
+    /// story: in a stop or in the safe state robot time goes on, and the machine does not.
     fn is_over_in_silence(&mut self) -> bool {
         let over = match self.gate() {
             None => self
@@ -499,7 +505,8 @@ impl<W: Write> Driver<W> {
         }
     }
 
-    /// The board, if it waits by itself for missions: one whose robot time cannot be held for as long as an upload takes on the wall.
+    /// The board, if it waits by itself for missions: one whose robot time cannot be held for as
+    /// long as an upload takes on the wall.
     fn gate(&self) -> Option<&HostBoard> {
         match (&self.board, self.link) {
             (RunningBoard::Host(board), LinkWay::Uart) => Some(board),
@@ -545,7 +552,8 @@ impl<W: Write> Driver<W> {
         self.robot
             .stage(&mission.blob, &mut progress)
             .map_err(wrap)?;
-        // Where something is to happen next. At the end the board is to wait, too: its counters are of interest as they are then.
+        // Where something is to happen next. At the end the board is to wait, too: its counters are
+        // of interest as they are then.
         let end_us = self.until_us.map(|until_us| until_us.saturating_add(1));
         let next_us = next_at_us.into_iter().chain(end_us).min();
         match self.gate() {
@@ -656,7 +664,8 @@ impl<W: Write> Driver<W> {
         Ok(())
     }
 
-    /// Fails where the plan needs what the robot's firmware was built without, before anything of it is done.
+    /// Fails where the plan needs what the robot's firmware was built without, before anything of
+    /// it is done.
     fn check_features(&mut self) -> Result<(), RunError> {
         let records = self.recording.is_some();
         let goes_warm = self.missions.iter().any(|planned| planned.warm);
@@ -877,7 +886,8 @@ fn slot_reports<L: ByteLink>(robot: &mut LinkClient<L>) -> Result<Vec<SlotReport
     Ok(slots)
 }
 
-/// Whether a refusal says something about the mission, not about the link or the robot's present state.
+/// Whether a refusal says something about the mission, not about the link or the robot's present
+/// state.
 fn is_about_the_mission(error: LinkError) -> bool {
     matches!(
         error,

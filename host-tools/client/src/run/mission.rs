@@ -32,7 +32,8 @@ pub struct Mission {
 }
 
 impl Mission {
-    /// Takes a mission that was compiled, or that a robot was asked for. `file` stands for it in messages.
+    /// Takes a mission that was compiled, or that a robot was asked for. `file` stands for it in
+    /// messages.
     ///
     /// # Errors
     /// See [`NoDirectory`].

@@ -1,5 +1,6 @@
-//! What happened in a run, told as it happens and kept for afterwards: the trace, the words for the person who watches, the states
-//! for the picture, the ends of slot-0 runs. All of it comes from the robot's own records.
+//! What happened in a run, told as it happens and kept for afterwards: the trace, the words for the
+//! person who watches, the states for the picture, the ends of slot-0 runs. All of it comes from
+//! the robot's own records.
 
 use std::io::{self, Write};
 use std::sync::Arc;
@@ -259,7 +260,8 @@ impl<W: Write> Story<W> {
         self.ended
     }
 
-    /// Macro steps of the mission that runs which the trace holds, or would if none had been missed.
+    /// Macro steps of the mission that runs which the trace holds, or would if none had been
+    /// missed.
     pub fn steps(&self) -> Option<u64> {
         match &self.scene {
             Scene::Playing(playing) => Some(playing.next_step),

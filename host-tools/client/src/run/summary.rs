@@ -17,7 +17,8 @@ pub struct Summary {
     pub world: String,
     /// Robot time, in seconds.
     pub robot_time_s: f64,
-    /// Time on the wall that it took, uploads and start included, in seconds; `None` for a run that repeats to the byte, whose summary does, too.
+    /// Time on the wall that it took, uploads and start included, in seconds; `None` for a run that
+    /// repeats to the byte, whose summary does, too.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wall_time_s: Option<f64>,
     /// Way of the robot's centre, in metres.
@@ -39,7 +40,8 @@ pub struct Summary {
     pub slots_missed: u64,
     /// Task executions that took longer than their slot.
     pub overruns: u64,
-    /// Longest time from the nominal start of an occurrence to its first instruction, in nanoseconds.
+    /// Longest time from the nominal start of an occurrence to its first instruction, in
+    /// nanoseconds.
     pub longest_dispatch_delay_ns: u32,
     /// The deepest that the stack was, in bytes; `None` where the board does not tell.
     pub deepest_stack_bytes: Option<u32>,
@@ -65,11 +67,13 @@ pub struct MissionSummary {
     pub bytes: usize,
     /// Robot time of its first macro step, in seconds.
     pub started_s: f64,
-    /// Time that its upload took on the clock of the line, in seconds: the wall's, or that of the plant exchange.
+    /// Time that its upload took on the clock of the line, in seconds: the wall's, or that of the
+    /// plant exchange.
     pub upload_s: f64,
     /// Slot occurrences missed from the upload's first byte to the first macro step.
     pub slots_missed_in_upload: u64,
-    /// What the robot counted of its slots: up to the end of the run, or to where the upload of the next mission began.
+    /// What the robot counted of its slots: up to the end of the run, or to where the upload of the
+    /// next mission began.
     pub slots: Vec<SlotReport>,
     /// What becomes of the slots that it shares with the mission before.
     #[serde(flatten)]

@@ -268,7 +268,8 @@ fn a_run_whose_body_falls_silent_ends_in_time_and_says_why() {
         Some("the robot's body does not answer")
     );
     let text = String::from_utf8(run.told.out).unwrap();
-    // Six exchanges in a row without an answer, from two seconds on: the machine stops in the sixth.
+    // Six exchanges in a row without an answer, from two seconds on: the machine stops in the
+    // sixth.
     assert!(
         text.lines().last().unwrap().contains("\"t_us\":2040000"),
         "{}",

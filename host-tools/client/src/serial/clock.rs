@@ -1,7 +1,8 @@
 //! The clock by which the bytes of a line come.
 //!
-//! On a wire that is the clock on the wall. Inside a simulation bytes come at simulated times, however long this machine takes over them, and who
-//! talks over such a line must wait by the same clock, or no two runs are the same.
+//! On a wire that is the clock on the wall. Inside a simulation bytes come at simulated times,
+//! however long this machine takes over them, and who talks over such a line must wait by the same
+//! clock, or no two runs are the same.
 
 use std::fmt;
 use std::sync::Arc;
@@ -61,7 +62,8 @@ impl Clock {
         }
     }
 
-    /// Whether runs by this clock repeat, so that nothing may enter them that is this process's own.
+    /// Whether runs by this clock repeat, so that nothing may enter them that is this process's
+    /// own.
     pub fn is_simulated(&self) -> bool {
         self.simulated.is_some()
     }

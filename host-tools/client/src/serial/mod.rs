@@ -1,7 +1,8 @@
-//! Bytes to and from a robot: serial lines, sockets, pseudo-terminals, and a pipe inside this process.
+//! Bytes to and from a robot: serial lines, sockets, pseudo-terminals, and a pipe inside this
+//! process.
 //!
-//! Everything that carries bytes is a [`ByteLink`]. It knows nothing of frames; it may lose, double or corrupt bytes as wires do, and
-//! the link client above lives with that.
+//! Everything that carries bytes is a [`ByteLink`]. It knows nothing of frames; it may lose, double
+//! or corrupt bytes as wires do, and the link client above lives with that.
 //!
 //! | module | what it holds |
 //! |---|---|
@@ -65,21 +66,23 @@ const SHORTEST_WAIT: Duration = Duration::from_millis(1);
 
 /// Carries bytes in both directions, without frames and without promises.
 pub trait ByteLink: Send {
-    /// Takes what has come, waiting up to `timeout` for the first byte. Answers how many bytes of `buffer` were filled; 0 where
-    /// nothing came in time.
+    /// Takes what has come, waiting up to `timeout` for the first byte. Answers how many bytes of
+    /// `buffer` were filled; 0 where nothing came in time.
     ///
     /// # Errors
-    /// [`io::ErrorKind::UnexpectedEof`] where the other side has gone; what the system says otherwise.
+    /// [`io::ErrorKind::UnexpectedEof`] where the other side has gone; what the system says
+    /// otherwise.
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize>;
 
     /// Sends all of `bytes`.
     ///
     /// # Errors
-    /// [`io::ErrorKind::TimedOut`] where the line takes nothing for seconds; what the system says otherwise.
+    /// [`io::ErrorKind::TimedOut`] where the line takes nothing for seconds; what the system says
+    /// otherwise.
     fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
 
-    /// Sends as much of `bytes` as the line takes at once, and answers how much that was. A link that has no bounds of its own
-    /// takes all of them.
+    /// Sends as much of `bytes` as the line takes at once, and answers how much that was. A link
+    /// that has no bounds of its own takes all of them.
     ///
     /// # Errors
     /// As [`ByteLink::send`], but for the time.
@@ -88,7 +91,8 @@ pub trait ByteLink: Send {
         Ok(bytes.len())
     }
 
-    /// The clock by which bytes come, and by which the time of [`ByteLink::receive`] is meant. Whatever stands around another line has that line's.
+    /// The clock by which bytes come, and by which the time of [`ByteLink::receive`] is meant.
+    /// Whatever stands around another line has that line's.
     fn clock(&self) -> Clock {
         Clock::wall()
     }
@@ -167,7 +171,8 @@ pub struct Opened {
     pub not_served: Option<NotServed>,
 }
 
-/// Opens a port. Sockets are paced to `baud`, since an emulated UART behind one knows no rate; a serial line keeps it by itself.
+/// Opens a port. Sockets are paced to `baud`, since an emulated UART behind one knows no rate; a
+/// serial line keeps it by itself.
 ///
 /// # Errors
 /// [`OpenError`]: what is wrong with the port, and what to do.
@@ -190,7 +195,8 @@ pub fn open_served(port: &Port, baud: u32) -> Result<Opened, OpenError> {
             });
         }
         Port::Tty(path) => {
-            // A process that this one has just begun shares its files, locks among them, for a moment.
+            // A process that this one has just begun shares its files, locks among them, for a
+            // moment.
             let begun = Instant::now();
             loop {
                 match open_tty(port, path, baud, Use::Alone) {
@@ -227,8 +233,9 @@ pub fn open_served(port: &Port, baud: u32) -> Result<Opened, OpenError> {
     Ok(Opened { line, not_served })
 }
 
-/// Opens a port to stop the robot behind it, whoever has it: takes it over from another process of this user; beside one
-/// that does not answer, or is another user's, it uses a serial line all the same.
+/// Opens a port to stop the robot behind it, whoever has it: takes it over from another process of
+/// this user; beside one that does not answer, or is another user's, it uses a serial line all the
+/// same.
 ///
 /// # Errors
 /// As [`open`]; [`OpenError::Busy`] only where another program has locked the line.
@@ -279,7 +286,8 @@ fn open_tty(port: &Port, path: &Path, baud: u32, used: Use) -> Result<File, Open
         .timeout(SHORTEST_WAIT)
         .exclusive(used == Use::Alone);
     let mut line = TTYPort::open(&settings).map_err(|error| tty_error(port, &error))?;
-    // The kernel would let nobody else open it, a stop among them. A shared lock keeps those away who want the line alone.
+    // The kernel would let nobody else open it, a stop among them. A shared lock keeps those away
+    // who want the line alone.
     line.set_exclusive(false)
         .map_err(|error| tty_error(port, &error))?;
     // Half a frame from before is of no use to anybody.
@@ -340,8 +348,8 @@ fn open_error(port: &Port, cause: io::Error) -> OpenError {
     }
 }
 
-/// The `serialport` crate folds what the system says into kinds of its own and keeps the sentence; a look at the file tells which
-/// of them it was.
+/// The `serialport` crate folds what the system says into kinds of its own and keeps the sentence;
+/// a look at the file tells which of them it was.
 fn tty_error(port: &Port, error: &serialport::Error) -> OpenError {
     let cause = match error.kind() {
         serialport::ErrorKind::Io(kind) => io::Error::new(kind, error.to_string()),
@@ -365,7 +373,8 @@ fn tty_error(port: &Port, error: &serialport::Error) -> OpenError {
     open_error(port, cause)
 }
 
-/// Whether a failure without a kind means that the port is something else than a terminal: a directory, a plain file, `/dev/null`.
+/// Whether a failure without a kind means that the port is something else than a terminal: a
+/// directory, a plain file, `/dev/null`.
 fn is_no_terminal(port: &Port, error: &serialport::Error) -> bool {
     let Port::Tty(path) = port else {
         return false;

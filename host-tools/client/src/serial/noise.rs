@@ -43,7 +43,8 @@ pub struct Noisy<L> {
 }
 
 impl<L: ByteLink> Noisy<L> {
-    /// Lets `noise` at the bytes of `link`, in both directions. Equal seeds and bytes suffer equally.
+    /// Lets `noise` at the bytes of `link`, in both directions. Equal seeds and bytes suffer
+    /// equally.
     pub fn new(link: L, noise: Noise, seed: u64) -> Self {
         Noisy {
             link,
@@ -119,7 +120,8 @@ impl<L: ByteLink> ByteLink for Noisy<L> {
     }
 }
 
-/// The generator `SplitMix64` of Steele, Lea and Flood (2014): small, and good enough to choose bytes.
+/// The generator `SplitMix64` of Steele, Lea and Flood (2014): small, and good enough to choose
+/// bytes.
 struct SplitMix(u64);
 
 impl SplitMix {

@@ -1,7 +1,7 @@
 //! A link slowed down to the rate of a real line.
 //!
-//! An emulated UART takes bytes as fast as they come, and its receive buffer holds only a few. What sends to one has to keep the rate
-//! that a wire would force upon it.
+//! An emulated UART takes bytes as fast as they come, and its receive buffer holds only a few. What
+//! sends to one has to keep the rate that a wire would force upon it.
 
 use std::io;
 use std::time::{Duration, Instant};
@@ -19,8 +19,8 @@ const BURST_BYTES: usize = 16;
 /// How long a wait for the wire lasts before Ctrl-C is looked for.
 const LONGEST_SLEEP: Duration = Duration::from_millis(50);
 
-/// What one wait for a link that takes no bytes counts at most: a process that was suspended meanwhile has
-/// not waited so long.
+/// What one wait for a link that takes no bytes counts at most: a process that was suspended
+/// meanwhile has not waited so long.
 const LONGEST_COUNTED: Duration = Duration::from_secs(2);
 
 /// Sends no faster than a line of some baud rate would; receives as the link below does.
@@ -75,8 +75,8 @@ impl<L: ByteLink> ByteLink for Paced<L> {
                 ));
             }
             let now = Instant::now();
-            // From when the line was free, not from when this thread woke up: sleeping too long costs no rate, and a line that
-            // was idle has saved up nothing beyond one burst.
+            // From when the line was free, not from when this thread woke up: sleeping too long
+            // costs no rate, and a line that was idle has saved up nothing beyond one burst.
             self.count(burst.len(), now);
             self.link.send(burst)?;
             waited += now.elapsed().min(LONGEST_COUNTED);
@@ -119,7 +119,8 @@ mod tests {
         let started = Instant::now();
         paced.send(&bytes).unwrap();
         let took = started.elapsed();
-        // 1152 bytes are a tenth of a second at 115,200 baud, less what the last burst need not wait for.
+        // 1152 bytes are a tenth of a second at 115,200 baud, less what the last burst need not
+        // wait for.
         assert!(took >= Duration::from_millis(96), "{took:?}");
         let mut got = vec![0; 2000];
         assert_eq!(far.receive(&mut got, Duration::ZERO).unwrap(), bytes.len());

@@ -48,7 +48,8 @@ struct State {
 }
 
 impl Direction {
-    /// A thread that panicked while it held the lock left plain bytes behind: they are as good as before.
+    /// A thread that panicked while it held the lock left plain bytes behind: they are as good as
+    /// before.
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -28,7 +28,8 @@ pub enum Port {
     Own(OwnLine),
 }
 
-/// What opens a line that this program knows nothing of: for a program that has commands run within it.
+/// What opens a line that this program knows nothing of: for a program that has commands run within
+/// it.
 #[derive(Clone)]
 pub struct OwnLine {
     open: Arc<dyn Fn() -> io::Result<Box<dyn ByteLink>> + Send + Sync>,

@@ -1,4 +1,5 @@
-//! A pseudo-terminal that other programs can open: the serial line of a robot that is emulated here.
+//! A pseudo-terminal that other programs can open: the serial line of a robot that is emulated
+//! here.
 
 use std::ffi::OsString;
 use std::io;
@@ -20,7 +21,8 @@ use super::ByteLink;
 /// How long the pump waits for the robot's bytes before it looks for the client's.
 const PUMP_WAIT: Duration = Duration::from_millis(2);
 
-/// How long bytes from the robot wait for a reader that takes none, before they are dropped as on a wire.
+/// How long bytes from the robot wait for a reader that takes none, before they are dropped as on a
+/// wire.
 const STUCK_READER_WAIT: Duration = Duration::from_millis(100);
 
 const PUMP_BUFFER_BYTES: usize = 1024;
@@ -28,7 +30,8 @@ const PUMP_BUFFER_BYTES: usize = 1024;
 /// Bytes from the robot that wait for their reader at most.
 const TO_CLIENT_BYTES: usize = 64 * 1024;
 
-/// Joins `robot`'s line to a new pseudo-terminal for as long as this lives. Bytes for which nobody is there are dropped, as on a wire.
+/// Joins `robot`'s line to a new pseudo-terminal for as long as this lives. Bytes for which nobody
+/// is there are dropped, as on a wire.
 pub struct PtyServer {
     path: PathBuf,
     stop: Arc<AtomicBool>,
@@ -89,8 +92,9 @@ impl Drop for PtyServer {
     }
 }
 
-/// Carries bytes both ways in one thread, which waits for the robot's next byte alone, and not for long. Where the robot takes nothing, the client waits as on a line with
-/// flow control; where the client takes nothing, bytes are lost.
+/// Carries bytes both ways in one thread, which waits for the robot's next byte alone, and not for
+/// long. Where the robot takes nothing, the client waits as on a line with flow control; where the
+/// client takes nothing, bytes are lost.
 fn pump(master: OwnedFd, mut robot: Box<dyn ByteLink>, stop: &AtomicBool) -> io::Result<()> {
     let mut buffer = [0; PUMP_BUFFER_BYTES];
     let mut to_robot = Vec::new();
@@ -186,7 +190,8 @@ mod tests {
         let server = PtyServer::start(Box::new(robot)).unwrap();
         let port = Port::Tty(server.path().to_owned());
         for round in 0..3_u8 {
-            // Said to nobody: in nobody's way, and dropped, but for what is still under way when somebody comes.
+            // Said to nobody: in nobody's way, and dropped, but for what is still under way when
+            // somebody comes.
             far.send(b"anyone?").unwrap();
             let mut client = open(&port, DEFAULT_BAUD).unwrap();
             let sent = [0, round, 0x0d, 0xff];

@@ -1,12 +1,13 @@
 //! `esm stop` takes a port over from the process that has it.
 //!
-//! Whoever opens a port serves a control socket for it, in a directory of its user alone and under a name that follows
-//! from the port. Who wants to stop the robot connects there and is handed the open file of the line; from that moment on the
-//! process that had it neither reads nor writes it. A thread of its own serves the socket, so that the
-//! line is handed over within milliseconds also where everything else in the process is busy.
+//! Whoever opens a port serves a control socket for it, in a directory of its user alone and under
+//! a name that follows from the port. Who wants to stop the robot connects there and is handed the
+//! open file of the line; from that moment on the process that had it neither reads nor writes it.
+//! A thread of its own serves the socket, so that the line is handed over within milliseconds also
+//! where everything else in the process is busy.
 //!
-//! A process that is suspended hands over nothing. So ports are never opened for one process alone: a lock (`flock`) says that one is in use,
-//! which commands heed and a stop does not.
+//! A process that is suspended hands over nothing. So ports are never opened for one process alone:
+//! a lock (`flock`) says that one is in use, which commands heed and a stop does not.
 
 use std::ffi::OsString;
 use std::fs::{self, DirBuilder};
@@ -31,8 +32,8 @@ use thiserror::Error;
 use super::port::Port;
 use super::wire::{Wire, wait_for};
 
-/// How long whoever wants to stop a robot waits for the process that has the line. A tenth of a second is
-/// all that a stop may take.
+/// How long whoever wants to stop a robot waits for the process that has the line. A tenth of a
+/// second is all that a stop may take.
 const ANSWER_WAIT: Duration = Duration::from_millis(50);
 
 /// How long a client may take to say what it wants; it says so when it connects.
@@ -94,8 +95,8 @@ pub(super) fn identity(port: &Port) -> io::Result<String> {
     })
 }
 
-/// Directories that control sockets may be in, best first. Where the environment of two processes differs, the second finds what the
-/// first took.
+/// Directories that control sockets may be in, best first. Where the environment of two processes
+/// differs, the second finds what the first took.
 fn folders() -> Vec<PathBuf> {
     let user = rustix::process::geteuid().as_raw();
     let runtime = std::env::var_os("XDG_RUNTIME_DIR").filter(|folder: &OsString| {
@@ -148,7 +149,8 @@ fn folder() -> Result<PathBuf, NotServed> {
     Err(NotServed::NoFolder { path: last })
 }
 
-/// Where the control socket of a port is in a directory: FNV-1a, 64 bits, of its identity, since a socket's path is short.
+/// Where the control socket of a port is in a directory: FNV-1a, 64 bits, of its identity, since a
+/// socket's path is short.
 fn socket_in(folder: &Path, identity: &str) -> PathBuf {
     let hash = identity
         .bytes()
@@ -178,7 +180,8 @@ pub(super) struct Holder {
 }
 
 impl Holder {
-    /// Begins to serve. `None` where another process serves this port, which is a socket with several clients.
+    /// Begins to serve. `None` where another process serves this port, which is a socket with
+    /// several clients.
     ///
     /// # Errors
     /// [`NotServed`]
@@ -285,8 +288,8 @@ fn request_for(identity: &str) -> String {
     format!("{REQUEST}{identity}\n")
 }
 
-/// The file of a port's line, from the process that has it. `None` where nobody serves it, or who does gives no answer in
-/// time.
+/// The file of a port's line, from the process that has it. `None` where nobody serves it, or who
+/// does gives no answer in time.
 pub(super) fn take(identity: &str) -> Option<OwnedFd> {
     let deadline = Instant::now() + ANSWER_WAIT;
     let sockets = folders().into_iter().filter(|folder| is_ours(folder));

@@ -43,7 +43,8 @@ impl Wire {
         self.is_taken.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Ends the use of the line here, and has `give` hand its file on. Should that fail, the use goes on.
+    /// Ends the use of the line here, and has `give` hand its file on. Should that fail, the use
+    /// goes on.
     pub(super) fn hand_over(
         &self,
         give: impl FnOnce(&OwnedFd) -> io::Result<()>,
@@ -91,7 +92,8 @@ pub(super) fn timespec(time: Duration) -> Timespec {
 
 /// A line, as a [`ByteLink`].
 pub(super) struct WireLink {
-    /// Before the file, which it has a share in: a port that was closed can be opened again at once.
+    /// Before the file, which it has a share in: a port that was closed can be opened again at
+    /// once.
     holder: Option<Holder>,
     wire: Arc<Wire>,
 }
@@ -177,8 +179,8 @@ impl ByteLink for WireLink {
     }
 }
 
-/// What a failed read means: the end of the line, where the system says in one of its ways that nobody, or
-/// nothing, is there any more.
+/// What a failed read means: the end of the line, where the system says in one of its ways that
+/// nobody, or nothing, is there any more.
 fn ended(error: io::Error) -> io::Error {
     let is_end = [
         Errno::IO,

@@ -96,7 +96,8 @@ struct Scale {
 }
 
 impl Scale {
-    /// Adds a part of the stretch to what its columns hold, in microseconds times the number of columns: so a full one holds `length_us`.
+    /// Adds a part of the stretch to what its columns hold, in microseconds times the number of
+    /// columns: so a full one holds `length_us`.
     fn add(&self, from_us: u64, to_us: u64, shares: &mut [u64]) {
         let within = |us: u64| {
             us.saturating_sub(self.from_us)
@@ -131,7 +132,8 @@ impl Scale {
         shares.iter().map(bar).collect()
     }
 
-    /// The unit, and numbers that begin below the columns of their times; the last ends where the bars do.
+    /// The unit, and numbers that begin below the columns of their times; the last ends where the
+    /// bars do.
     fn axis(&self) -> (&'static str, String) {
         let unit = Unit::of(self.length_us);
         let (from, to) = (

@@ -11,7 +11,8 @@ pub const MAX_PAIRS_TOLD: usize = 8;
 /// Lines are no shorter where a terminal is narrower: the numbers have room.
 pub const LEAST_COLUMNS: usize = 60;
 
-/// A line for each slot with tasks, none wider than a terminal of so many columns; empty without tasks.
+/// A line for each slot with tasks, none wider than a terminal of so many columns; empty without
+/// tasks.
 pub fn table(slots: &[SlotTasks], columns: usize) -> String {
     let mut text = String::new();
     for slot in slots.iter().filter(|slot| !slot.tasks.is_empty()) {

@@ -1,4 +1,5 @@
-//! The view drawn on a terminal's screen: on a wide one all panels side by side, on a small one that which is scrolled alone.
+//! The view drawn on a terminal's screen: on a wide one all panels side by side, on a small one
+//! that which is scrolled alone.
 
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};

@@ -1,4 +1,5 @@
-//! What a person sees of a recording: one moment of it, and what their keys do. Nothing here knows a terminal.
+//! What a person sees of a recording: one moment of it, and what their keys do. Nothing here knows
+//! a terminal.
 
 use std::ops::ControlFlow;
 
@@ -68,7 +69,8 @@ pub struct View<'r> {
 }
 
 impl<'r> View<'r> {
-    /// The view of a recording that is called so, at its first moment. `ended` is why the walk ends before the recording does.
+    /// The view of a recording that is called so, at its first moment. `ended` is why the walk ends
+    /// before the recording does.
     pub fn new(
         recording: &'r Recording,
         name: String,
@@ -121,7 +123,8 @@ impl<'r> View<'r> {
         Some((stretches.get(number)?, number + 1, stretches.len()))
     }
 
-    /// Its number among all moments, from 1, and how many there are. None for a macro step in which no transition was taken.
+    /// Its number among all moments, from 1, and how many there are. None for a macro step in which
+    /// no transition was taken.
     pub fn place(&self) -> (Option<u64>, u64) {
         let is_counted = self.moment().is_some_and(|moment| !moment.taken.is_empty());
         let number = is_counted.then(|| self.walk.number() + 1);
@@ -268,7 +271,8 @@ impl<'r> View<'r> {
         }
     }
 
-    /// Goes where the person wants to be: to a macro step, a time, or what they name. Nothing stands for what was looked for last.
+    /// Goes where the person wants to be: to a macro step, a time, or what they name. Nothing
+    /// stands for what was looked for last.
     fn ask(&mut self, answer: &str, is_backwards: bool) {
         let begins_with_digit = answer.starts_with(|letter: char| letter.is_ascii_digit());
         if answer.is_empty() {
@@ -365,7 +369,8 @@ pub(super) mod tests {
     use esm_toolkit::recording::planted::{BLINK, FLOOD, Planted};
     use esm_toolkit::samples::ROVER;
 
-    /// A rover that meets an obstacle, is lost sight of, seen again, and followed by another mission.
+    /// A rover that meets an obstacle, is lost sight of, seen again, and followed by another
+    /// mission.
     pub fn drive() -> Recording {
         let reports = [
             (5, "set motion/Cruise.near"),
@@ -388,8 +393,9 @@ pub(super) mod tests {
         View::new(recording, "drive.rec".to_owned(), walk, why)
     }
 
-    /// Presses keys: letters as they are, `<` and `>` for the arrows, `^` and `v` for those up and down, `{` and `}` for the pages, `!` for Enter, `~` for Esc, `|` for Tab, `#` for the
-    /// key that erases.
+    /// Presses keys: letters as they are, `<` and `>` for the arrows, `^` and `v` for those up and
+    /// down, `{` and `}` for the pages, `!` for Enter, `~` for Esc, `|` for Tab, `#` for the key
+    /// that erases.
     pub fn press(view: &mut View<'_>, keys: &str) -> ControlFlow<()> {
         for key in keys.chars() {
             let code = match key {

@@ -35,9 +35,11 @@ const SHORTEST_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Shows a robot's slots as they run: executions, overruns, start delays, load
 ///
-/// A row for each slot, start delays and tasks of the one that is looked at. Keys: arrows choose a slot, r counts from now on, p pauses,
-/// q, Esc and Ctrl-C quit. A robot that does not answer is looked for until it does. Where standard output is no terminal, as with
-/// --once, one table is printed. What the figures mean and what to do about them is in the book, under `Slots and timing`.
+/// A row for each slot, start delays and tasks of the one that is looked at. Keys: arrows choose a
+/// slot, r counts from now on, p pauses, q, Esc and Ctrl-C quit. A robot that does not answer is
+/// looked for until it does. Where standard output is no terminal, as with --once, one table is
+/// printed. What the figures mean and what to do about them is in the book, under
+/// `Slots and timing`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -10,7 +10,8 @@ use crate::counters::{Ns, SlotReport};
 use crate::link_client::RobotInfo;
 use crate::reading::{LineReport, Reading, TaskReading};
 
-/// All that `esm top` knows of a robot, counted since its mission started. The keys of its JSON stay; times are in nanoseconds.
+/// All that `esm top` knows of a robot, counted since its mission started. The keys of its JSON
+/// stay; times are in nanoseconds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TopReport {
     /// Name of the board.

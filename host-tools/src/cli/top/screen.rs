@@ -1,5 +1,5 @@
-//! The view drawn on a terminal's screen. Whatever its size, what matters most is there: first the slots, then the state of the robot, then
-//! start delays and tasks of one slot.
+//! The view drawn on a terminal's screen. Whatever its size, what matters most is there: first the
+//! slots, then the state of the robot, then start delays and tasks of one slot.
 
 use std::borrow::Cow;
 
@@ -42,8 +42,8 @@ struct Heights {
 }
 
 impl Heights {
-    /// Those of a screen of so many lines, with so many for the head if it can have them. The table goes last, and has its head and the slot that is looked at as long as
-    /// anything fits.
+    /// Those of a screen of so many lines, with so many for the head if it can have them. The table
+    /// goes last, and has its head and the slot that is looked at as long as anything fits.
     fn of(height: u16, head_lines: u16) -> Self {
         let spare = height.saturating_sub(TABLE_LINES);
         let head = if spare > head_lines {
@@ -73,7 +73,8 @@ pub fn draw(frame: &mut Frame<'_>, view: &View, palette: Palette) {
     let rows = view.rows();
     let head = head(view, &rows, palette);
     let plain = Heights::of(area.height, HEAD_LINES);
-    // Lines of the head are broken where that takes nothing from the others, the first one, which says what is wrong, in any case.
+    // Lines of the head are broken where that takes nothing from the others, the first one, which
+    // says what is wrong, in any case.
     let all_broken = broken(&head, area.width);
     let first_broken = [
         broken(head.get(..1).unwrap_or_default(), area.width),
@@ -212,7 +213,8 @@ fn load<'v>(view: &'v View, rows: &[SlotRow], palette: Palette) -> Line<'v> {
         let style = if number > 0 { style } else { Style::new() };
         spans.push(Span::styled(format!("{number} {what}  "), style));
     };
-    // What the table shows, added up: what the robot counts since it started is of earlier missions, too.
+    // What the table shows, added up: what the robot counts since it started is of earlier
+    // missions, too.
     let sum = |of: fn(&SlotRow) -> u32| rows.iter().map(|row| u64::from(of(row))).sum();
     count(sum(|row| row.counted.overruns), "overruns", palette.bad());
     count(sum(|row| row.counted.missed), "missed", palette.bad());
@@ -341,7 +343,8 @@ fn columns_for(width: u16) -> Vec<&'static Column> {
     let mut by_rank: Vec<&Column> = COLUMNS.iter().collect();
     by_rank.sort_by_key(|column| column.rank);
     let mut used = 0;
-    // Behind the first one that does not fit, none is looked at: so columns go in their order as a screen shrinks.
+    // Behind the first one that does not fit, none is looked at: so columns go in their order as a
+    // screen shrinks.
     let fitting = by_rank.iter().take_while(|column| {
         used += column.width + 1;
         used <= width + 1

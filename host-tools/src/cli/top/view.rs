@@ -1,4 +1,5 @@
-//! What a person sees of a robot: figures worked out from one reading after another, the slot they look at, and what their keys do.
+//! What a person sees of a robot: figures worked out from one reading after another, the slot they
+//! look at, and what their keys do.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -7,8 +8,8 @@ use crate::counters::{DelayBucket, SlotReport};
 use crate::link_client::RobotInfo;
 use crate::reading::{Reading, SlotPlan, SlotReading, TaskReading};
 
-/// Readings that rates and loads are worked out over. Time on the robot is told in whole periods of the interpreter, so that two
-/// readings in a row would make them jump.
+/// Readings that rates and loads are worked out over. Time on the robot is told in whole periods of
+/// the interpreter, so that two readings in a row would make them jump.
 pub const WINDOW: usize = 10;
 
 const NS_PER_US: f64 = 1e3;
@@ -19,7 +20,8 @@ const US_PER_S: f64 = 1e6;
 pub struct SlotRow {
     /// When it runs.
     pub plan: SlotPlan,
-    /// What was counted: since the mission started, or, but for what is shortest and longest, since the person set the view back.
+    /// What was counted: since the mission started, or, but for what is shortest and longest, since
+    /// the person set the view back.
     pub counted: SlotReport,
     /// Executions a second lately; `None` where robot time stands still.
     pub rate_hz: Option<f64>,
@@ -51,7 +53,8 @@ pub struct Load {
 }
 
 impl Load {
-    /// The load of all slots, between two readings of the same mission, or from its start where there is one reading.
+    /// The load of all slots, between two readings of the same mission, or from its start where
+    /// there is one reading.
     pub fn between(before: Option<&Reading>, now: &Reading) -> Self {
         let reserved = now
             .slots
@@ -74,13 +77,15 @@ impl Load {
     }
 }
 
-/// Executions of the slot with this index a second, between two readings of the same mission, or from its start.
+/// Executions of the slot with this index a second, between two readings of the same mission, or
+/// from its start.
 pub fn rate_hz(before: Option<&Reading>, now: &Reading, slot: usize) -> Option<f64> {
     let executed = |slot: &SlotReading| f64::from(slot.counted.executed);
     per_us(before, now, slot, executed).map(|rate| rate * US_PER_S)
 }
 
-/// By how much a counter of a slot grew in a microsecond of robot time; `None` where that stands still.
+/// By how much a counter of a slot grew in a microsecond of robot time; `None` where that stands
+/// still.
 fn per_us(
     before: Option<&Reading>,
     now: &Reading,
@@ -182,7 +187,8 @@ impl View {
             .back()
             .is_none_or(|last| is_same_run(last, &reading));
         if !goes_on {
-            // Another mission, or the same from its beginning: nothing that was counted before belongs to it.
+            // Another mission, or the same from its beginning: nothing that was counted before
+            // belongs to it.
             self.readings.clear();
             self.baseline = None;
         }
@@ -305,7 +311,8 @@ fn is_same_run(before: &Reading, now: &Reading) -> bool {
         && counts_on
 }
 
-/// What was counted from one reading of a slot to another. What is shortest and longest stays as it is: of a span nobody knows it.
+/// What was counted from one reading of a slot to another. What is shortest and longest stays as it
+/// is: of a span nobody knows it.
 fn difference(now: &SlotReading, before: &SlotReading) -> SlotReport {
     let (now, before) = (&now.counted, &before.counted);
     let executed = now.executed.saturating_sub(before.executed);

@@ -1,5 +1,5 @@
-//! The robot read in a thread of its own, so that a request that waits for its answer keeps nobody from pressing a key. A robot that does not answer
-//! is looked for until it does.
+//! The robot read in a thread of its own, so that a request that waits for its answer keeps nobody
+//! from pressing a key. A robot that does not answer is looked for until it does.
 
 use std::collections::BTreeMap;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender, TryRecvError};
@@ -164,7 +164,8 @@ fn read(
 struct Nets {
     /// The mission that all else is about.
     mission: Option<u32>,
-    /// The nets, in groups that a sample has room for; with more than one they are looked at in turns.
+    /// The nets, in groups that a sample has room for; with more than one they are looked at in
+    /// turns.
     groups: Vec<Vec<Watched>>,
     /// The group that is looked at.
     group: usize,

@@ -79,7 +79,8 @@ constructs! {
     BusyRegion "busy_region",
     /// A transition that changes nothing but the current state.
     Plain "plain",
-    /// A real-time task state that is entered anew from itself on the pulse and sends one event, with all of that.
+    /// A real-time task state that is entered anew from itself on the pulse and sends one event,
+    /// with all of that.
     Again "again",
     /// Any other transition.
     Taken "taken",
@@ -149,7 +150,8 @@ impl Ledger for Counts {
     }
 }
 
-/// Instructions that each construct takes at most, with one core and one way of compiling the interpreter.
+/// Instructions that each construct takes at most, with one core and one way of compiling the
+/// interpreter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Costs([u32; CONSTRUCTS]);
 

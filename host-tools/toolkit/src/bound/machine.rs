@@ -1,7 +1,9 @@
 //! A compiled mission as its interpreter walks it, and what each part of a walk consists of.
 //!
-//! Here alone is written down what the interpreter does for a visit, a guard, a transition, as a list of [constructs](Construct). What it did in a macro step that was run
-//! ([`tally`](super::tally)) and what it can do at most ([`worst`](super::worst)) are made of the same lists.
+//! Here alone is written down what the interpreter does for a visit, a guard, a transition, as a
+//! list of [constructs](Construct). What it did in a macro step that was run
+//! ([`tally`](super::tally)) and what it can do at most ([`worst`](super::worst)) are made of the
+//! same lists.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -67,7 +69,8 @@ pub(super) struct Instance {
 pub(super) struct State {
     pub(super) kind: Kind,
     pub(super) timeout_us: Option<u32>,
-    /// Which events its transitions are on, as the interpreter looks first: by the remainders of their numbers by 32.
+    /// Which events its transitions are on, as the interpreter looks first: by the remainders of
+    /// their numbers by 32.
     pub(super) events: u32,
     /// Its flags, relative to the first one of its instance: entering it resets them.
     pub(super) flags: Range<usize>,
@@ -196,14 +199,15 @@ impl Machine {
         }
     }
 
-    // ─── What it consists of ──────────────────────────────────────────────────────────────────────────────────────────
+    // ─── What it consists of ─────────────────────────────────────────────────────────────────────
 
     /// Beginning and end of a macro step.
     pub(super) fn step(&self, ledger: &mut impl Ledger) {
         ledger.add(Construct::Quiet, 1);
     }
 
-    /// Beginning and end of the pulse, where anything is awake. `visits`: words of which some are visited; as many as there can be, where that is not known.
+    /// Beginning and end of the pulse, where anything is awake. `visits`: words of which some are
+    /// visited; as many as there can be, where that is not known.
     pub(super) fn pulse(&self, ledger: &mut impl Ledger, visits: Option<usize>) {
         let words = words(0..self.regions.len());
         ledger.add(Construct::Step, 1);
@@ -319,8 +323,9 @@ impl Machine {
         }
     }
 
-    /// A transition that a region instance takes: out of `left`, its actions, into its target. `disabled`: tasks inside a superstate that are disabled; as many as there can be, where
-    /// that is not known.
+    /// A transition that a region instance takes: out of `left`, its actions, into its target.
+    /// `disabled`: tasks inside a superstate that are disabled; as many as there can be, where that
+    /// is not known.
     pub(super) fn take(
         &self,
         ledger: &mut impl Ledger,
@@ -395,9 +400,10 @@ impl Machine {
         }
     }
 
-    // ─── How it is connected ──────────────────────────────────────────────────────────────────────────────────────────
+    // ─── How it is connected ─────────────────────────────────────────────────────────────────────
 
-    /// The region instances that are shown an event, in ascending order; for the pulse and for any event, all of them.
+    /// The region instances that are shown an event, in ascending order; for the pulse and for any
+    /// event, all of them.
     pub(super) fn listeners(&self, trigger: Trigger) -> Vec<usize> {
         let row = match trigger {
             Trigger::Pulse | Trigger::Any => None,
@@ -416,7 +422,8 @@ impl Machine {
             .around
     }
 
-    /// The region instances that are woken when a flag of a container instance's superstate is written.
+    /// The region instances that are woken when a flag of a container instance's superstate is
+    /// written.
     pub(super) fn woken_with(&self, instance: usize) -> Range<usize> {
         let around = self.instances.get(instance).and_then(|it| it.around);
         match around.and_then(|around| Some((around, self.regions.get(around)?))) {
@@ -481,7 +488,8 @@ impl State {
 }
 
 impl Guard {
-    /// Whether it is true whatever the flags are, so that no transition behind it on the same event is ever looked at.
+    /// Whether it is true whatever the flags are, so that no transition behind it on the same event
+    /// is ever looked at.
     pub(super) fn is_always_true(self) -> bool {
         matches!(
             self,
@@ -494,7 +502,7 @@ impl Guard {
     }
 }
 
-// ─── Reading it ───────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Reading it ──────────────────────────────────────────────────────────────────────────────────
 
 fn state(tables: &Tables<'_>, index: usize) -> Option<State> {
     let state = tables.state(index)?;
@@ -580,7 +588,8 @@ fn channels(tables: &Tables<'_>) -> (Vec<Channel>, Vec<Vec<usize>>) {
     (channels.collect(), rows)
 }
 
-/// The most tests of flags, and the most of what is busy inside, that one way through a program makes. A test either goes on to the next one or jumps ahead.
+/// The most tests of flags, and the most of what is busy inside, that one way through a program
+/// makes. A test either goes on to the next one or jumps ahead.
 fn longest(tests: &[(bool, Option<usize>)]) -> (usize, usize) {
     let mut most = vec![(0, 0); tests.len() + 1];
     for (at, &(is_busy, jump)) in tests.iter().enumerate().rev() {
@@ -610,7 +619,8 @@ fn mark_reachable(states: &mut [State], transitions: &[Transition]) {
     }
 }
 
-/// Finds for each instance how many tasks inside can be current at a time: of a region one state, of a container all regions.
+/// Finds for each instance how many tasks inside can be current at a time: of a region one state,
+/// of a container all regions.
 fn count_tasks_together(instances: &mut [Instance], regions: &[Region], states: &[State]) {
     // What is inside a region has higher numbers than it, so it is added up before.
     for region in regions.iter().rev() {

@@ -21,7 +21,8 @@ pub struct Report {
     pub parts: Vec<Contribution>,
 }
 
-/// What one region does on one event, in all the times that the event comes; or what the event itself takes.
+/// What one region does on one event, in all the times that the event comes; or what the event
+/// itself takes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Contribution {
     /// `pulse`, or the name of the event.

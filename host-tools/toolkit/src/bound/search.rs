@@ -1,8 +1,11 @@
 //! The longest macro steps that can be found by running a mission: what the bound is held against.
 //!
-//! The mission is run by the interpreter itself, from its start. Before each macro step a task may do whatever the runtime lets it do: a task state that is current and enabled may set or
-//! clear each of its output flags, be busy, or finish; and time may pass, up to the longest timeout. What is tried is drawn at random, so that all regions do something at the same moment
-//! again and again; the best start is then changed in one place after another, as long as that makes it longer. The same seed finds the same.
+//! The mission is run by the interpreter itself, from its start. Before each macro step a task may
+//! do whatever the runtime lets it do: a task state that is current and enabled may set or clear
+//! each of its output flags, be busy, or finish; and time may pass, up to the longest timeout. What
+//! is tried is drawn at random, so that all regions do something at the same moment again and
+//! again; the best start is then changed in one place after another, as long as that makes it
+//! longer. The same seed finds the same.
 
 use esm_core::signature::Direction;
 use esm_core::tables::Tables;
@@ -49,7 +52,8 @@ pub struct Ran {
     pub counts: Counts,
     /// How it ended, if by a fault.
     pub fault: Option<Fault>,
-    /// Transitions that the count did not meet: none, or what is counted is not what the interpreter did.
+    /// Transitions that the count did not meet: none, or what is counted is not what the
+    /// interpreter did.
     pub not_met: usize,
 }
 
@@ -116,7 +120,8 @@ impl<'b> Subject<'b> {
         })
     }
 
-    /// Macro steps from the start with what is drawn at random before each: for measurements that want all kinds of them.
+    /// Macro steps from the start with what is drawn at random before each: for measurements that
+    /// want all kinds of them.
     #[must_use]
     pub fn wander(&self, steps: usize, seed: u64) -> Vec<Input> {
         let mut random = Random::new(seed);
@@ -134,7 +139,8 @@ impl<'b> Subject<'b> {
         &self.machine
     }
 
-    /// Runs macro steps from the start and says what each consisted of. It ends with the first fault.
+    /// Runs macro steps from the start and says what each consisted of. It ends with the first
+    /// fault.
     #[must_use]
     pub fn run(&self, inputs: &[Input]) -> Vec<Ran> {
         let mut arena = vec![0; self.blob.arena_words()];
@@ -172,7 +178,8 @@ impl<'b> Subject<'b> {
                         best.inputs.push(input.clone());
                         best.instructions = instructions;
                     }
-                    // Where nothing is gained, a step that does little may lead to one that does much.
+                    // Where nothing is gained, a step that does little may lead to one that does
+                    // much.
                     let gain = instructions + random.below(instructions.max(1));
                     if next.as_ref().is_none_or(|(most, _)| gain > *most) {
                         next = Some((gain, input));

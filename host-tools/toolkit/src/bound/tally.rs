@@ -1,7 +1,10 @@
-//! What a macro step that was run consisted of: from what was current and awake before it and the transitions that the interpreter told of.
+//! What a macro step that was run consisted of: from what was current and awake before it and the
+//! transitions that the interpreter told of.
 //!
-//! Nothing here decides which transition is taken. It goes the same way once more, with the interpreter's decisions, and takes note of what lay at it. Where the way through a guard
-//! depends on flags, the longest one counts; where a fault ends the machine in the midst of an event, the events that were waiting count as well.
+//! Nothing here decides which transition is taken. It goes the same way once more, with the
+//! interpreter's decisions, and takes note of what lay at it. Where the way through a guard depends
+//! on flags, the longest one counts; where a fault ends the machine in the midst of an event, the
+//! events that were waiting count as well.
 
 use std::collections::{BTreeSet, VecDeque};
 use std::ops::Deref;
@@ -15,7 +18,8 @@ use super::machine::{Action, Kind, Machine, State, Transition, Trigger, WORD_BIT
 /// What an interpreter told of one macro step.
 #[derive(Clone, Debug, Default)]
 pub struct Told {
-    /// The transitions in the order in which they were taken, each with the number of tasks that were disabled by it.
+    /// The transitions in the order in which they were taken, each with the number of tasks that
+    /// were disabled by it.
     pub taken: Vec<(TransitionTaken, usize)>,
     /// Tasks that were disabled after the last transition.
     pub disabled: usize,
@@ -45,7 +49,8 @@ pub struct Before {
     timers: Vec<(bool, bool)>,
 }
 
-/// When states with timeouts were entered, by region instance. It is followed from the start of a machine on.
+/// When states with timeouts were entered, by region instance. It is followed from the start of a
+/// machine on.
 #[derive(Clone, Debug)]
 pub struct Entered {
     at_us: Vec<u64>,
@@ -105,8 +110,9 @@ impl Machine {
         }
     }
 
-    /// Counts what a macro step at `t_us` consisted of; with how many of its transitions were not met on the way, which are none unless this here and the interpreter differ.
-    /// `fault`: how it ended, if it did.
+    /// Counts what a macro step at `t_us` consisted of; with how many of its transitions were not
+    /// met on the way, which are none unless this here and the interpreter differ. `fault`: how it
+    /// ended, if it did.
     pub fn tally(
         &self,
         before: Before,

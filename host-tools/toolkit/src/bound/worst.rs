@@ -1,11 +1,15 @@
 //! The most that a macro step of a mission can take.
 //!
-//! Of the states of a region one is current, of the regions of a container all are, as long as no superstate around them takes a transition. So for one event the most is found on
-//! the instance tree from the inside out: of each region the state, and of that the transition, that make it and all inside take longest. Which events one macro step can
-//! have follows from who sends what on what: where that is no circle, an event's own visits and the events that these send are added up from the last events to the pulse. Where events cause each other in a
-//! circle, or are more than a macro step may have, the limit of micro steps is what ends it.
+//! Of the states of a region one is current, of the regions of a container all are, as long as no
+//! superstate around them takes a transition. So for one event the most is found on the instance
+//! tree from the inside out: of each region the state, and of that the transition, that make it and
+//! all inside take longest. Which events one macro step can have follows from who sends what on
+//! what: where that is no circle, an event's own visits and the events that these send are added up
+//! from the last events to the pulse. Where events cause each other in a circle, or are more than a
+//! macro step may have, the limit of micro steps is what ends it.
 //!
-//! Flags and the history of states are left out of it: each event finds all regions in the states that are worst for it. So the sum is never too small, and may be too large.
+//! Flags and the history of states are left out of it: each event finds all regions in the states
+//! that are worst for it. So the sum is never too small, and may be too large.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -39,7 +43,8 @@ pub enum Events {
     Circle,
     /// There are more than a macro step may have.
     Limited,
-    /// The mission is too large to tell its events apart: the limit of micro steps, with the worst of all events.
+    /// The mission is too large to tell its events apart: the limit of micro steps, with the worst
+    /// of all events.
     TooLarge,
 }
 
@@ -181,7 +186,8 @@ struct Order {
 }
 
 impl Search<'_> {
-    /// The channels that the pulse leads to; none if finding what is worst for each takes more than [`MAX_STEPS`].
+    /// The channels that the pulse leads to; none if finding what is worst for each takes more than
+    /// [`MAX_STEPS`].
     fn order(&self) -> Option<Order> {
         #[derive(Clone, Copy, PartialEq)]
         enum Mark {
@@ -190,7 +196,8 @@ impl Search<'_> {
             Done,
         }
         let machine = self.machine;
-        // Each is looked at for its successors, the number of events, what they take, and what that is made of.
+        // Each is looked at for its successors, the number of events, what they take, and what that
+        // is made of.
         const LOOKS: usize = 4;
         let mut steps_left = MAX_STEPS;
         let mut marks = vec![Mark::New; machine.channels.len()];
@@ -318,7 +325,8 @@ impl Search<'_> {
         sum.instructions
     }
 
-    /// The most events that can follow from one, where `events` says how many each channel leads to.
+    /// The most events that can follow from one, where `events` says how many each channel leads
+    /// to.
     fn most_events(&self, trigger: Trigger, events: &[u64]) -> u64 {
         let costs = Costs::default();
         let search = Search {
@@ -334,7 +342,8 @@ impl Search<'_> {
         states.any(|it| it.is_reachable && it.timeout_us.is_some())
     }
 
-    /// Finds what is worst for one event, where each event that is sent takes what `follows` says of its channel.
+    /// Finds what is worst for one event, where each event that is sent takes what `follows` says
+    /// of its channel.
     fn evaluate(&self, trigger: Trigger, follows: &[u64]) -> Evaluated {
         let machine = self.machine;
         let shown: BTreeSet<usize> = machine.listeners(trigger).into_iter().collect();
@@ -431,7 +440,8 @@ impl Search<'_> {
     /// The regions that an event visits when it finds what is worst.
     fn part(&self, trigger: Trigger, times: u64, evaluated: &Evaluated) -> Part {
         let machine = self.machine;
-        // From the outside to the inside: what is inside a state is a part only where that takes no transition.
+        // From the outside to the inside: what is inside a state is a part only where that takes no
+        // transition.
         let mut shares = Vec::new();
         let mut open: BTreeSet<usize> = machine.regions_of(0).collect();
         while let Some(index) = open.pop_first() {
@@ -456,7 +466,8 @@ impl Search<'_> {
         }
     }
 
-    /// The bound where the limit of micro steps is what ends a macro step: each event after the pulse is the worst of these.
+    /// The bound where the limit of micro steps is what ends a macro step: each event after the
+    /// pulse is the worst of these.
     fn limited(&self, triggers: &[Trigger], events: Events) -> Bound {
         let nothing = vec![0; self.machine.channels.len()];
         let pulse = self.evaluate(Trigger::Pulse, &nothing);

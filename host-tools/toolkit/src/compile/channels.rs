@@ -1,4 +1,5 @@
-//! Who listens to events: for each instance and each event that it sends, the region instances that see the event and have a transition on it.
+//! Who listens to events: for each instance and each event that it sends, the region instances that
+//! see the event and have a transition on it.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
@@ -14,7 +15,8 @@ pub(super) struct Channels {
     pub listeners: Table,
 }
 
-/// Where the bits of those who listen are: region instances 32 a word, the first of a word in its highest bit.
+/// Where the bits of those who listen are: region instances 32 a word, the first of a word in its
+/// highest bit.
 #[derive(Clone, Copy, Default)]
 struct Row {
     /// First word in the table.
@@ -33,7 +35,8 @@ struct Visibility<'a> {
     forwarded_in: HashSet<(usize, usize)>,
     /// The same for `out event`.
     forwarded_out: HashSet<(usize, usize)>,
-    /// Pairs of container number and event with the places of the regions that have transitions on it.
+    /// Pairs of container number and event with the places of the regions that have transitions on
+    /// it.
     receivers: HashMap<(usize, usize), Vec<usize>>,
     /// Rows by sender and event.
     rows: HashMap<(usize, usize), Row>,
@@ -97,8 +100,8 @@ fn received(region: &Region) -> BTreeSet<usize> {
 impl Visibility<'_> {
     /// Who listens to an event that is sent in an instance.
     fn row(&mut self, sender: usize, event: usize) -> Result<Row, CompileError> {
-        // Up as far as the event is forwarded. Where it would come down the same way again, the instance above sees it with the same ones: one
-        // set for both.
+        // Up as far as the event is forwarded. Where it would come down the same way again, the
+        // instance above sees it with the same ones: one set for both.
         let mut owner = sender;
         while self.goes_up(owner, event) && self.goes_down(owner, event) {
             owner = self.tree.instances[owner].around;

@@ -1,7 +1,9 @@
 //! Guards and actions.
 //!
-//! A guard gets the cheapest form that fits. Most ask for flags of the state that is left: one of them is a number, a conjunction of several is a mask and a value. What
-//! else there is becomes a program: a row of tests, each of which jumps or goes on with the next. `^a and (.b or not .c)` is
+//! A guard gets the cheapest form that fits. Most ask for flags of the state that is left: one of
+//! them is a number, a conjunction of several is a mask and a value. What else there is becomes a
+//! program: a row of tests, each of which jumps or goes on with the next. `^a and (.b or not .c)`
+//! is
 //!
 //! ```text
 //! 0  a is clear -> false
@@ -10,7 +12,8 @@
 //! 3  (true)
 //! ```
 //!
-//! so no test is made whose outcome cannot matter, and evaluation needs no stack. All forms look through nesting and negation: how a guard is written makes no difference.
+//! so no test is made whose outcome cannot matter, and evaluation needs no stack. All forms look
+//! through nesting and negation: how a guard is written makes no difference.
 //!
 //! Of actions, one `send` is a number too; all others are a row.
 
@@ -62,7 +65,8 @@ impl Flags<'_> {
         (first + flag < self.layout.flags).then_some(self.layout.begin.flags + first + flag)
     }
 
-    /// The bit of the window in which a guard finds one of the state's own flags, if it is one that the window has.
+    /// The bit of the window in which a guard finds one of the state's own flags, if it is one that
+    /// the window has.
     fn window_bit(&self, flag: &Guard) -> Option<u16> {
         let bit = match *flag {
             Guard::Exit => self.exit(),
@@ -94,7 +98,8 @@ impl Conjunction {
         (is_whole && found != Self::default() && found.set & found.clear == 0).then_some(found)
     }
 
-    /// Adds what makes the guard have a value; false if that is no conjunction of flags in the window.
+    /// Adds what makes the guard have a value; false if that is no conjunction of flags in the
+    /// window.
     fn add(&mut self, guard: &Guard, value: bool, source: Flags<'_>) -> bool {
         match (guard, value) {
             (Guard::Not(inner), _) => self.add(inner, !value, source),
@@ -211,7 +216,8 @@ impl Tests<'_> {
 /// Bytes of a code record.
 const CODE_BYTES: usize = 4;
 
-/// Appends the code of a transition's guard, if it needs any. Returns the guard as the transition names it.
+/// Appends the code of a transition's guard, if it needs any. Returns the guard as the transition
+/// names it.
 pub(super) fn append_guard(
     code: &mut Table,
     transition: &Transition,
@@ -269,7 +275,8 @@ fn append_program(
     Ok(())
 }
 
-/// Appends the code of a transition's actions, if they need any. Returns the action as the transition names it.
+/// Appends the code of a transition's actions, if they need any. Returns the action as the
+/// transition names it.
 pub(super) fn append_actions(
     code: &mut Table,
     container: &ContainerLayout,
@@ -296,7 +303,8 @@ pub(super) fn append_actions(
         [] => Ok(ACTION_NONE),
         [send @ Action::Send(_)] => {
             let (channel, _) = instruction(send)?;
-            // A container sends no more events than there are numbers for, and these have 15 bits too.
+            // A container sends no more events than there are numbers for, and these have 15 bits
+            // too.
             Ok(ACTION_SEND | channel as u16)
         }
         actions => {

@@ -21,7 +21,8 @@ pub(super) struct Instance {
     pub around_region: usize,
     /// The instance around it; itself for the machine.
     pub around: usize,
-    /// The instances inside its superstates: their region and state there, in source order, and their numbers.
+    /// The instances inside its superstates: their region and state there, in source order, and
+    /// their numbers.
     pub inside: Vec<((usize, usize), usize)>,
 }
 
@@ -74,7 +75,8 @@ impl Tree {
             regions: vec![RegionInstance::default(); spans.regions],
             first_instances: vec![usize::MAX; layout.containers.len()],
         };
-        // Every number follows from the template of the container around, so the order of the work does not matter.
+        // Every number follows from the template of the container around, so the order of the work
+        // does not matter.
         let mut open = vec![(0, Instance::default(), 0, spans.regions)];
         while let Some((index, mut instance, first_region, after)) = open.pop() {
             let container = &layout.containers[instance.container];

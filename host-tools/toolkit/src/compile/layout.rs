@@ -1,5 +1,5 @@
-//! Which containers the machine uses, and how an instance of each is laid out: where in its flags, task instances, region
-//! instances and container instances each of its states begins.
+//! Which containers the machine uses, and how an instance of each is laid out: where in its flags,
+//! task instances, region instances and container instances each of its states begins.
 
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
@@ -30,7 +30,8 @@ pub(super) struct Spans {
 pub(super) struct StateLayout {
     /// Its number in the table of states.
     pub index: usize,
-    /// Where it begins: flags, tasks and instances relative to the instance, regions relative to the region instance.
+    /// Where it begins: flags, tasks and instances relative to the instance, regions relative to
+    /// the region instance.
     pub begin: Spans,
     /// Flags that entering it resets.
     pub flags: usize,
@@ -56,7 +57,8 @@ pub(super) struct ContainerLayout {
     pub regions: Vec<RegionLayout>,
     /// What one instance of it takes.
     pub spans: Spans,
-    /// Events that its transitions send, as places in [`Model::events`]: each once, in the order of their first mention.
+    /// Events that its transitions send, as places in [`Model::events`]: each once, in the order of
+    /// their first mention.
     pub sent: Vec<usize>,
 }
 
@@ -66,7 +68,8 @@ pub(super) struct Layout {
     pub containers: Vec<ContainerLayout>,
     /// Number of each container in use, by its place in [`Model::containers`].
     pub numbers: HashMap<usize, usize>,
-    /// The events of the containers in use, as places in [`Model::events`]. The first has the number 1.
+    /// The events of the containers in use, as places in [`Model::events`]. The first has the
+    /// number 1.
     pub events: Vec<usize>,
     /// Number of each event, by its place in [`Model::events`].
     pub event_numbers: HashMap<usize, usize>,
@@ -145,8 +148,9 @@ impl Layout {
     }
 }
 
-/// The containers that `machine` uses, once in the order of their first use in the instance tree, once with every container
-/// behind those that it uses. Works with a stack of its own, since containers can be nested deeper than calls should be.
+/// The containers that `machine` uses, once in the order of their first use in the instance tree,
+/// once with every container behind those that it uses. Works with a stack of its own, since
+/// containers can be nested deeper than calls should be.
 fn orders(model: &Model, machine: usize) -> (Vec<usize>, Vec<usize>) {
     let mut first_use = vec![machine];
     let mut children_first = Vec::new();

@@ -1,8 +1,10 @@
 //! From a resolved model to a blob.
 //!
-//! The passes run in the order of the modules: which containers the machine uses and how an instance of each is laid out
-//! (`layout`); guards and actions (`code`); templates as records (`templates`); the instance tree (`instances`); who listens to which events
-//! (`channels`); which ports share a net (`nets`); names (`names`). What comes out is verified by the firmware's own code before anybody gets it.
+//! The passes run in the order of the modules: which containers the machine uses and how an
+//! instance of each is laid out (`layout`); guards and actions (`code`); templates as records
+//! (`templates`); the instance tree (`instances`); who listens to which events (`channels`); which
+//! ports share a net (`nets`); names (`names`). What comes out is verified by the firmware's own
+//! code before anybody gets it.
 //!
 //! Equal models give equal bytes: nothing here depends on addresses, hash seeds or time.
 
@@ -73,10 +75,12 @@ pub enum CompileError {
         /// The declaration with which it is too much; the machine as a whole where there is none.
         at: Option<Span>,
     },
-    /// The model says something that checked files cannot say, such as a guard on a flag that its state does not have.
+    /// The model says something that checked files cannot say, such as a guard on a flag that its
+    /// state does not have.
     #[error("the model contradicts itself in file {} at byte {}: check it before compiling", .0.file, .0.start)]
     Contradiction(Span),
-    /// The verifier refuses what was compiled. A defect of the compiler: please report it with the files.
+    /// The verifier refuses what was compiled. A defect of the compiler: please report it with the
+    /// files.
     #[error("the compiled blob was refused ({0:?}): this is a defect of the compiler")]
     Refused(Refusal),
 }
@@ -218,7 +222,8 @@ impl Table {
     }
 }
 
-/// Whether a blob gets its table of names. The firmware runs it with and without; traces, status and scenarios need the names.
+/// Whether a blob gets its table of names. The firmware runs it with and without; traces, status
+/// and scenarios need the names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NameTable {
     /// Names are in the blob.
@@ -241,8 +246,8 @@ pub fn machine_without_regions(model: &Model) -> Option<&Container> {
     machine.regions.is_empty().then_some(machine)
 }
 
-/// Compiles the machine of a model into a blob. `starts_us` has the first start of each slot in microseconds, in the order of
-/// [`Model::slots`].
+/// Compiles the machine of a model into a blob. `starts_us` has the first start of each slot in
+/// microseconds, in the order of [`Model::slots`].
 ///
 /// # Errors
 /// See [`CompileError`].

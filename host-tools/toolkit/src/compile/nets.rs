@@ -1,5 +1,5 @@
-//! Which data ports share a net, over all container borders: a net is worked out anew in each instance of a container, and joined with the
-//! net outside where a path leads to a container port.
+//! Which data ports share a net, over all container borders: a net is worked out anew in each
+//! instance of a container, and joined with the net outside where a path leads to a container port.
 
 use esm_core::format::NONE;
 use esm_core::signature::fnv1a;
@@ -18,7 +18,8 @@ pub(super) struct Nets {
     pub nets: Table,
 }
 
-/// Ports of the whole instance tree: those of each container instance, then those of each task instance.
+/// Ports of the whole instance tree: those of each container instance, then those of each task
+/// instance.
 struct Ports {
     /// First port of each container instance.
     of_instances: Vec<usize>,
@@ -30,7 +31,8 @@ struct Ports {
     on_path: Vec<bool>,
 }
 
-/// Writes task instances, connections and nets. Nets are numbered in the order of the first task port on them.
+/// Writes task instances, connections and nets. Nets are numbered in the order of the first task
+/// port on them.
 pub(super) fn write(
     model: &Model,
     layout: &Layout,

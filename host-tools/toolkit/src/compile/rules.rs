@@ -8,7 +8,8 @@ use esm_core::format::{
 use esm_core::tables::{Guard, State, StateKind, Tables, Transition};
 use esm_core::{Cause, Refusal, verify};
 
-/// Two levels, two instances of the inner one, every form of guard and action, timers, tasks with parameters and connections.
+/// Two levels, two instances of the inner one, every form of guard and action, timers, tasks with
+/// parameters and connections.
 const MISSION: &str = "
     interpreter slot 1;
     slot 1 period 10 ms duration 1 ms;
@@ -41,7 +42,8 @@ const MISSION: &str = "
         }
     }";
 
-/// A change of one 16-bit field, and what is said of it: which record of which section is wrong, and why.
+/// A change of one 16-bit field, and what is said of it: which record of which section is wrong,
+/// and why.
 struct Case {
     rule: &'static str,
     section: Section,

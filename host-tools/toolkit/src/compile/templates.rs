@@ -341,7 +341,8 @@ struct Outgoing<'a> {
     transition: &'a model::Transition,
 }
 
-/// The transitions out of one state in the order of a blob: by the numbers of their events, of which that of the pulse is the lowest. The interpreter looks at those of one event only.
+/// The transitions out of one state in the order of a blob: by the numbers of their events, of
+/// which that of the pulse is the lowest. The interpreter looks at those of one event only.
 fn sorted<'a>(
     layout: &Layout,
     outgoing: &[&'a model::Transition],
@@ -376,7 +377,8 @@ fn transitions_by_source(region: &model::Region) -> Vec<Vec<&model::Transition>>
     by_source
 }
 
-/// Whether a state is a real-time task without timeout, with few enough flags to enter itself by a plain transition.
+/// Whether a state is a real-time task without timeout, with few enough flags to enter itself by a
+/// plain transition.
 fn is_short_task(state: Flags<'_>) -> bool {
     let in_slot = matches!(
         state.state.kind,

@@ -152,7 +152,8 @@ pub fn task(name: &str, flags: Vec<Flag>) -> Task {
     }
 }
 
-/// A model whose machine is container 0, with an interpreter slot of 1 ms and a second slot behind it.
+/// A model whose machine is container 0, with an interpreter slot of 1 ms and a second slot behind
+/// it.
 pub fn model(events: &[&str], tasks: Vec<Task>, containers: Vec<Container>) -> Model {
     let slot = |number| Slot {
         number,
@@ -260,8 +261,9 @@ pub fn cd_player() -> Model {
     )
 }
 
-/// A machine that uses everything that a blob can hold: nested instances of one container, parameters, nets over container borders,
-/// exclusive groups, slot-0 tasks, guards of all kinds, visibility with gaps.
+/// A machine that uses everything that a blob can hold: nested instances of one container,
+/// parameters, nets over container borders, exclusive groups, slot-0 tasks, guards of all kinds,
+/// visibility with gaps.
 pub fn everything() -> Model {
     let mut drive = task(
         "Drive",

@@ -75,7 +75,8 @@ impl Machine {
         log
     }
 
-    /// Current states of active regions, by their place in the region: `i` for initial, `f` for final.
+    /// Current states of active regions, by their place in the region: `i` for initial, `f` for
+    /// final.
     fn active(&self) -> String {
         let tables = self.interpreter.tables();
         let mut at = 0;
@@ -375,7 +376,8 @@ fn paths_through_container_ports_make_one_net() {
     assert_eq!(connections, expected);
 }
 
-/// A chain of superstates: each holds one region, whose one state is the next superstate, down to a simple state.
+/// A chain of superstates: each holds one region, whose one state is the next superstate, down to a
+/// simple state.
 fn nested(depth: usize) -> Model {
     let mut containers: Vec<_> = (1..depth)
         .map(|inside| {
@@ -638,7 +640,8 @@ fn more_slots_than_can_be_compared_in_time_are_refused_before_they_are() {
     }
 }
 
-/// A machine that has entered its state with a timeout in the macro step before the one with a number.
+/// A machine that has entered its state with a timeout in the macro step before the one with a
+/// number.
 fn timed_at(verified: &Verified<Vec<u8>>, step: u64) -> Machine {
     let mut machine = Machine::run(verified.clone());
     machine.steps(1);
@@ -677,7 +680,8 @@ fn times_that_do_not_fit_stand_still_and_wrap_nowhere() {
 }
 
 proptest! {
-    /// Wherever a machine is in its time, and however many macro steps it misses, a timeout is taken in the first macro step whose time is above the limit.
+    /// Wherever a machine is in its time, and however many macro steps it misses, a timeout is
+    /// taken in the first macro step whose time is above the limit.
     #[test]
     fn timeouts_are_strict_behind_any_skips(
         limit_us in prop_oneof![0..=MAX_TIME_US, Just(0), Just(MAX_TIME_US)],
@@ -975,8 +979,8 @@ fn a_superstate_that_cannot_be_left_stays_with_all_inside() {
 
 #[test]
 fn events_are_seen_where_they_are_forwarded_to() {
-    // Root holds A and B side by side; each holds an inner one. Who is in state 1 has seen the event.
-    // By container: forwarded in, forwarded out. The sender is the inner one of A.
+    // Root holds A and B side by side; each holds an inner one. Who is in state 1 has seen the
+    // event. By container: forwarded in, forwarded out. The sender is the inner one of A.
     /// Name, forwarding of the three containers, who sees it.
     type Case = (&'static str, [(bool, bool); 3], [bool; 5]);
     let cases: [Case; 5] = [
@@ -1097,7 +1101,8 @@ fn sealed(body: &[u8]) -> Vec<u8> {
     blob
 }
 
-/// Runs a blob that passed the verifier with random flags, for as long as it may. What it must not do is panic or hang.
+/// Runs a blob that passed the verifier with random flags, for as long as it may. What it must not
+/// do is panic or hang.
 fn survive(blob: Verified<Vec<u8>>, seed: u64) {
     if blob.arena_words() > 1 << 16 {
         return;
@@ -1195,7 +1200,8 @@ type Planted = (&'static str, Section, usize, u16, Cause);
 
 #[test]
 fn each_rule_of_the_format_is_kept() {
-    // Field numbers count 16-bit fields from the table's start; values replace them. `everything` has 5 instances, 10 region instances.
+    // Field numbers count 16-bit fields from the table's start; values replace them. `everything`
+    // has 5 instances, 10 region instances.
     let blob = compile(&everything(), &STARTS_US).unwrap();
     let body = &blob[format::MAGIC.len()..blob.len() - format::CRC_BYTES];
     let cases: [Planted; 23] = [

@@ -1,6 +1,7 @@
 //! The inside of a container: its regions laid out, packed, and wired.
 //!
-//! How a container looks depends on nothing but itself, the levels shown below it and the room asked for. So each is laid out once and drawn wherever it is used.
+//! How a container looks depends on nothing but itself, the levels shown below it and the room
+//! asked for. So each is laid out once and drawn wherever it is used.
 
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -24,7 +25,8 @@ const REGION_NAME_ROWS: i32 = 4;
 const REGION_MARGIN: i32 = 3;
 /// Cells that nets add to that, at most.
 const NETS_MARGIN: i32 = 4;
-/// How often a container is laid out with more room, when its data paths find no way, before its ports carry numbers instead.
+/// How often a container is laid out with more room, when its data paths find no way, before its
+/// ports carry numbers instead.
 const WIDENINGS: i32 = 3;
 /// Cells that a loop reaches out to the right of its state.
 const LOOP_REACH: i32 = 3;
@@ -136,8 +138,9 @@ impl<'a> Workshop<'a> {
         }
     }
 
-    /// The container laid out with `levels` levels of superstates in it, at least as large as `least`. The caller has made sure that
-    /// superstates are nested no deeper than [`super::MAX_LEVELS`].
+    /// The container laid out with `levels` levels of superstates in it, at least as large as
+    /// `least`. The caller has made sure that superstates are nested no deeper than
+    /// [`super::MAX_LEVELS`].
     ///
     /// # Errors
     /// If a region is too tangled to be drawn.
@@ -178,7 +181,8 @@ impl<'a> Workshop<'a> {
         self.arrange(container, &nets, levels, least, None)
     }
 
-    /// The container without wires. `widening` says how much more room there is between states; without it, ports carry the numbers of their nets.
+    /// The container without wires. `widening` says how much more room there is between states;
+    /// without it, ports carry the numbers of their nets.
     fn arrange(
         &mut self,
         container: &'a Container,
@@ -463,7 +467,8 @@ impl<'a> Workshop<'a> {
 }
 
 impl Body {
-    /// The same body in a wider box, for a state whose transitions need that. The room is added at the right; ports there move, and their wires grow.
+    /// The same body in a wider box, for a state whose transitions need that. The room is added at
+    /// the right; ports there move, and their wires grow.
     fn widened(&self, width: i32) -> Body {
         let mut wide = self.clone();
         wide.size[0] = width;
@@ -504,7 +509,8 @@ impl Face {
     }
 }
 
-/// For each transition its place among those of its source that the same event can trigger, from 1, where there are several. The first that can be taken is taken.
+/// For each transition its place among those of its source that the same event can trigger, from 1,
+/// where there are several. The first that can be taken is taken.
 fn turns(region: &Region) -> Vec<Option<usize>> {
     let key = |transition: &Transition| {
         let event = match transition.trigger {

@@ -1,7 +1,8 @@
 //! The finished layout: every box, line and word of a diagram at its place on the sheet.
 //!
-//! Containers that are used several times stand here once for each use. What a diagram promises (nothing overlaps, every transition is there, …) is a
-//! statement about this, and so is tested on it; [`paint`](super::paint) only gives it colours.
+//! Containers that are used several times stand here once for each use. What a diagram promises
+//! (nothing overlaps, every transition is there, …) is a statement about this, and so is tested on
+//! it; [`paint`](super::paint) only gives it colours.
 
 use super::body::{self, Body, NetEnd};
 use super::face::{Face, Kind, Side};
@@ -166,7 +167,8 @@ impl Drawing {
         first
     }
 
-    /// Adds what is inside a box. Superstates are nested no deeper than [`super::MAX_LEVELS`], and so is this.
+    /// Adds what is inside a box. Superstates are nested no deeper than [`super::MAX_LEVELS`], and
+    /// so is this.
     fn add_body(&mut self, owner: usize, own_ports: usize, body: &Body, by: Spot) {
         for ends in &body.dividers {
             self.dividers.push(Divider {

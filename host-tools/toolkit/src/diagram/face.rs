@@ -22,7 +22,8 @@ pub const FOOT_ROWS: i32 = 1;
 const BETWEEN_NAMES: i32 = 2;
 /// Cells on each side of a name.
 pub const MARGIN: i32 = 2;
-/// Cells across a state, at least: so wide that transitions to and fro, with their labels between, can be straight.
+/// Cells across a state, at least: so wide that transitions to and fro, with their labels between,
+/// can be straight.
 const LEAST_WIDTH: i32 = 16;
 /// Width and height of the marks of `initial` and `final`.
 const MARK: i32 = 2;
@@ -134,7 +135,8 @@ impl Face {
         }
     }
 
-    /// The face of a state. `is_open` says that the inside of a superstate will be shown; `number` gives the net of a port where nets are told by numbers.
+    /// The face of a state. `is_open` says that the inside of a superstate will be shown; `number`
+    /// gives the net of a port where nets are told by numbers.
     pub fn of_state(
         model: &Model,
         state: &State,
@@ -251,7 +253,8 @@ impl Face {
 /// The width of declarations in a heading, in units of a scene, at most.
 const DECLARATIONS_WIDTH: f32 = 240.0;
 
-/// The flags and events of a container, in the words of the source: `in flag left · event Halt, Resume`.
+/// The flags and events of a container, in the words of the source:
+/// `in flag left · event Halt, Resume`.
 pub fn declarations(model: &Model, container: &Container) -> Vec<Line> {
     let flags = |direction: Direction| {
         let flags = container.flags.iter();

@@ -1,7 +1,8 @@
 //! The raster of a diagram.
 //!
-//! Everything is laid out in whole cells, so that "does not overlap" is an exact statement and the layout is the same on every machine. Two cells are a
-//! lane: transitions run on even columns only, and the odd ones between them stay free for detours and data paths.
+//! Everything is laid out in whole cells, so that "does not overlap" is an exact statement and the
+//! layout is the same on every machine. Two cells are a lane: transitions run on even columns only,
+//! and the odd ones between them stay free for detours and data paths.
 
 /// Width and height of a cell in the units of a [`Scene`](crate::pictures::scene::Scene).
 pub const CELL: f32 = 6.0;

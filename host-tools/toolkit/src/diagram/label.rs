@@ -196,8 +196,9 @@ pub fn size(lines: &[Line]) -> Spot {
     [grid::cells(widest), LINE_ROWS * lines.len() as i32]
 }
 
-/// The label of a transition of `container`: `event[guard]/actions`, in one line or several. `turn` is its place among those that the same event can
-/// trigger, where there are several. Empty for the plain start of a region.
+/// The label of a transition of `container`: `event[guard]/actions`, in one line or several. `turn`
+/// is its place among those that the same event can trigger, where there are several. Empty for the
+/// plain start of a region.
 pub fn of_transition(
     model: &Model,
     container: &Container,
@@ -253,7 +254,8 @@ pub fn of_transition(
     filled(parts, LINE_WIDTH, LABEL)
 }
 
-/// Parts in lines that are not longer than `width`, unless a part alone is; [`MAX_LINES`] of them at most.
+/// Parts in lines that are not longer than `width`, unless a part alone is; [`MAX_LINES`] of them
+/// at most.
 pub fn filled(parts: Vec<Line>, width: f32, set: Type) -> Vec<Line> {
     let mut lines: Vec<Line> = Vec::new();
     let mut filled = 0.0;
@@ -322,7 +324,8 @@ impl Names<'_> {
         name(flag.map_or("", |flag| &flag.name))
     }
 
-    /// Adds a guard to the last of `parts`; after a sign that joins terms, a new part begins. Guards are as deep as the parser lets them be, which is not deep.
+    /// Adds a guard to the last of `parts`; after a sign that joins terms, a new part begins.
+    /// Guards are as deep as the parser lets them be, which is not deep.
     fn write(&self, guard: &Guard, in_brackets: bool, parts: &mut Vec<Line>) {
         let Some(line) = parts.last_mut() else {
             return;

@@ -1,4 +1,5 @@
-//! What every diagram promises, as statements about its layout, and tests that hold many diagrams to it.
+//! What every diagram promises, as statements about its layout, and tests that hold many diagrams
+//! to it.
 
 use std::collections::BTreeMap;
 
@@ -272,7 +273,8 @@ fn lines_keep_clear(drawing: &Drawing, found: &mut Vec<String>) {
         for [column, row] in [piece.from, piece.to] {
             for (track, at) in [((true, column), row), ((false, row), column)] {
                 for (start, end, owner) in tracks.get(&track).into_iter().flatten() {
-                    // A border of regions ends at the edge of its box, and on the other side a transition may begin.
+                    // A border of regions ends at the edge of its box, and on the other side a
+                    // transition may begin.
                     let only_ends = *owner == borders && (*start == at || *end == at);
                     if *owner != piece.owner && !only_ends && (*start..=*end).contains(&at) {
                         found.push(format!("{piece:?} has a corner on line {owner}"));
@@ -434,7 +436,8 @@ impl Content {
         }
     }
 
-    /// The same as far as it can be read off a drawing. Of `joined`, those are given that the drawing joins.
+    /// The same as far as it can be read off a drawing. Of `joined`, those are given that the
+    /// drawing joins.
     fn of_drawing(drawing: &Drawing, joined: &[String]) -> Content {
         let mut content = Content::default();
         let name = |index: usize| {
@@ -475,7 +478,8 @@ impl Content {
             )
         };
         content.ports = (0..drawing.ports.len()).map(port_name).collect();
-        // For each port the nets that it is on, with the container of each: a superstate's port is on one outside and on one inside.
+        // For each port the nets that it is on, with the container of each: a superstate's port is
+        // on one outside and on one inside.
         let mut nets: BTreeMap<String, Vec<(usize, usize)>> = BTreeMap::new();
         for (index, net) in drawing.nets.iter().enumerate() {
             for (port, _) in &net.ends {
@@ -510,7 +514,8 @@ fn mission(name: &str) -> Model {
         .unwrap_or_else(|| panic!("{}", checked.render(false)))
 }
 
-/// Holds a drawing of all of a machine to all laws, with data paths or without: leading them takes most of the time.
+/// Holds a drawing of all of a machine to all laws, with data paths or without: leading them takes
+/// most of the time.
 fn assert_lawful(model: &Model, context: &str, data: bool) -> Drawing {
     let options = Options {
         data,
@@ -559,7 +564,8 @@ impl Dice {
     }
 }
 
-/// A machine without errors, tangled at random: containers in containers, loops, parallel transitions, long labels, ports and paths.
+/// A machine without errors, tangled at random: containers in containers, loops, parallel
+/// transitions, long labels, ports and paths.
 fn random_text(seed: u64) -> String {
     use std::fmt::Write;
     let mut dice = Dice(seed.wrapping_mul(77).wrapping_add(5));
@@ -964,7 +970,8 @@ fn corners_of_a_straight_line_are_its_ends() {
     );
 }
 
-/// Compares with a picture that was looked at once. `ESM_BLESS=1` writes it anew, to be looked at again.
+/// Compares with a picture that was looked at once. `ESM_BLESS=1` writes it anew, to be looked at
+/// again.
 fn assert_golden(path: &str, model: &Model, options: &Options) {
     let found = draw(model, options).unwrap().to_svg();
     if std::env::var_os("ESM_BLESS").is_some() {

@@ -1,12 +1,15 @@
-//! State diagrams: a machine in the symbols of Merz, Rudol and Wzorek (2006), laid out to be read and printed.
+//! State diagrams: a machine in the symbols of Merz, Rudol and Wzorek (2006), laid out to be read
+//! and printed.
 //!
 //! ```text
 //! Model ─ body ─▶ containers, laid out ─ drawing ─▶ everything at its place ─ paint ─▶ Scene ─▶ SVG, PNG
 //! ```
 //!
-//! From the inside outwards: a region is laid out in layers ([`layered`]), regions are packed into their container ([`pack`]), data paths are led around what
-//! stands ([`wires`]), and the container becomes a box in the region that uses it ([`body`]). Everything stands on a raster of whole cells ([`grid`]), so that what
-//! a diagram promises can be tested exactly; equal input gives equal bytes.
+//! From the inside outwards: a region is laid out in layers ([`layered`]), regions are packed into
+//! their container ([`pack`]), data paths are led around what stands ([`wires`]), and the container
+//! becomes a box in the region that uses it ([`body`]). Everything stands on a raster of whole
+//! cells ([`grid`]), so that what a diagram promises can be tested exactly; equal input gives equal
+//! bytes.
 //!
 //! ```
 //! use esm_toolkit::diagram::{self, Options};

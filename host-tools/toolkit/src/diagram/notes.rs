@@ -1,7 +1,8 @@
 //! What the `///` lines of a mission say of what is drawn, below the picture.
 //!
-//! A note is a heading and lines. Notes come in the order of the source: of a container its own, then those of its regions and states,
-//! then the containers inside; behind all of them the tasks of the states that are shown, with their ports, flags and parameters.
+//! A note is a heading and lines. Notes come in the order of the source: of a container its own,
+//! then those of its regions and states, then the containers inside; behind all of them the tasks
+//! of the states that are shown, with their ports, flags and parameters.
 
 use std::collections::BTreeSet;
 
@@ -34,7 +35,8 @@ struct Note<'m> {
     text: &'m str,
 }
 
-/// Adds the notes of what is shown of some containers, with so many levels of superstates. A narrow scene grows to hold them.
+/// Adds the notes of what is shown of some containers, with so many levels of superstates. A narrow
+/// scene grows to hold them.
 pub fn add(scene: &mut Scene, model: &Model, roots: &[usize], levels: u32) {
     let notes = of_containers(model, roots, levels);
     if notes.is_empty() {
@@ -145,7 +147,8 @@ fn of_task<'m>(task: &'m Task, notes: &mut Vec<Note<'m>>) {
     );
 }
 
-/// The lines of a text that fit into the room: broken between words, and within those that are longer than a line.
+/// The lines of a text that fit into the room: broken between words, and within those that are
+/// longer than a line.
 fn lines(text: &str, room: f32) -> Vec<String> {
     let fits = |line: &str| font::width(line, label::LABEL.size, label::LABEL.weight) <= room;
     let cut: String = text.chars().take(MAX_CHARACTERS).collect();

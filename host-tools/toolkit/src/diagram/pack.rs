@@ -1,7 +1,8 @@
 //! Regions side by side and one below the other, so that a container fits a page.
 //!
-//! A container is cut into bands, a band into stacks, a stack into regions, always from edge to edge, and always in the order of the source. Several widths of bands
-//! are tried, lying and standing; the arrangement that a page shows largest is taken.
+//! A container is cut into bands, a band into stacks, a stack into regions, always from edge to
+//! edge, and always in the order of the source. Several widths of bands are tried, lying and
+//! standing; the arrangement that a page shows largest is taken.
 
 use super::grid::{Area, Spot};
 
@@ -50,7 +51,8 @@ pub fn pack(sizes: &[Spot], least: Spot) -> Packing {
                 f64::from(width.max(least[0])),
                 f64::from(height.max(least[1])),
             );
-            // The short side of the page that it needs, whichever way up. Pages that lie fit screens and books better.
+            // The short side of the page that it needs, whichever way up. Pages that lie fit
+            // screens and books better.
             let cost = (width / PAGE)
                 .max(height)
                 .min(UPRIGHT * width.max(height / PAGE));
@@ -100,7 +102,8 @@ fn trials(sizes: &[Spot]) -> impl Iterator<Item = i32> + use<> {
 /// Fills bands of at most `length`.
 fn bands(sizes: &[Spot], length: i32) -> Vec<Band> {
     let mut bands: Vec<Band> = Vec::new();
-    // Of the band at work: its length without the last stack, its depth, and the last stack's length and depth.
+    // Of the band at work: its length without the last stack, its depth, and the last stack's
+    // length and depth.
     let (mut before, mut depth, mut stack) = (0, 0, [0, 0]);
     for (region, [width, height]) in sizes.iter().enumerate() {
         if let Some(stacks) = bands.last_mut().map(|band| &mut band.stacks) {
@@ -153,7 +156,8 @@ fn extent(sizes: &[Spot], bands: &[Band]) -> Spot {
         })
 }
 
-/// Shares `room` among `parts` of these sizes: what is left over goes to all alike. Gives the ends of the parts.
+/// Shares `room` among `parts` of these sizes: what is left over goes to all alike. Gives the ends
+/// of the parts.
 fn shares(parts: &[i32], room: i32) -> Vec<i32> {
     let rest = (room - parts.iter().sum::<i32>()).max(0);
     let count = (parts.len() as i32).max(1);

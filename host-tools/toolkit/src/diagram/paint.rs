@@ -1,7 +1,8 @@
 //! Colours and shapes for a finished layout.
 //!
-//! Kinds of lines differ in dashes and ends, and not in colour alone, so that they can be told apart in black and white too: transitions are solid with
-//! an arrow head, data paths thin and dashed between triangles, and borders of regions long-dashed and grey.
+//! Kinds of lines differ in dashes and ends, and not in colour alone, so that they can be told
+//! apart in black and white too: transitions are solid with an arrow head, data paths thin and
+//! dashed between triangles, and borders of regions long-dashed and grey.
 
 use super::body;
 use super::drawing::{Arrow, Drawing, Placed, PlacedPort};
@@ -70,7 +71,8 @@ pub fn paint(drawing: &Drawing, title: &str) -> Scene {
             scene.circle(grid::point(*joint), 2.3, Some(ink), None);
         }
         for (port, _) in &net.ends {
-            // A port of a superstate is on a net outside and on one inside: the outer one comes first.
+            // A port of a superstate is on a net outside and on one inside: the outer one comes
+            // first.
             if inks[*port] == SOFT_INK {
                 inks[*port] = ink;
             }

@@ -1,5 +1,5 @@
-//! A task by itself: its box as the diagrams draw it, with all that goes in on the left and all that comes out on the
-//! right, and beside each port what it carries.
+//! A task by itself: its box as the diagrams draw it, with all that goes in on the left and all
+//! that comes out on the right, and beside each port what it carries.
 
 use super::drawing::{Arrow, Placed, PlacedPort};
 use super::face::{self, DETAIL_ROWS, FOOT_ROWS, Kind, NAME_ROWS, PORT_NAME_GAP, PORT_ROWS, Side};

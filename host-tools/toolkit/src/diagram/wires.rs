@@ -1,15 +1,18 @@
 //! Data paths, led around what stands already.
 //!
-//! Each net is a tree of level and upright lines between its ports. It grows port by port: the cheapest way from a port to the tree is searched (Lee 1961,
-//! directed by distance after Hart, Nilsson, Raphael 1968), where length, bends, crossings and narrow passages cost. When all nets lie, each is taken up once more
-//! and led anew among the others (rip-up and reroute), for the first ones could not know of the later ones.
+//! Each net is a tree of level and upright lines between its ports. It grows port by port: the
+//! cheapest way from a port to the tree is searched (Lee 1961, directed by distance after Hart,
+//! Nilsson, Raphael 1968), where length, bends, crossings and narrow passages cost. When all nets
+//! lie, each is taken up once more and led anew among the others (rip-up and reroute), for the
+//! first ones could not know of the later ones.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::grid::{Area, Spot};
 
-/// Cells of a container in which data paths are drawn as lines, at most. In a larger one ports carry the number of their net instead.
+/// Cells of a container in which data paths are drawn as lines, at most. In a larger one ports
+/// carry the number of their net instead.
 pub const MAX_CELLS: usize = 2_000_000;
 /// Ports on the nets of a container whose paths are drawn as lines, at most.
 pub const MAX_ENDS: usize = 160;
@@ -84,11 +87,13 @@ pub struct Wiring {
 pub enum NoWay {
     /// It is too narrow.
     Narrow,
-    /// The search took more than [`MAX_STEPS`] steps, or with those before it more than [`MAX_STEPS_IN_ALL`].
+    /// The search took more than [`MAX_STEPS`] steps, or with those before it more than
+    /// [`MAX_STEPS_IN_ALL`].
     Effort,
 }
 
-/// What stands already in a container: a raster of points, and the owners of the lines between them.
+/// What stands already in a container: a raster of points, and the owners of the lines between
+/// them.
 pub struct Board {
     width: i32,
     height: i32,
@@ -248,7 +253,8 @@ struct Tree {
     cost: u32,
 }
 
-/// Leads wires for `nets` over a board. `steps` are those that the diagram may still take, and are used up.
+/// Leads wires for `nets` over a board. `steps` are those that the diagram may still take, and are
+/// used up.
 ///
 /// # Errors
 /// If a net finds no way, or the search takes too long.
@@ -345,7 +351,8 @@ fn step_cost(board: &Board, from: usize, to: usize, heading: Heading, owner: Own
     STEP + crossing + beside * BESIDE_LINE + narrow
 }
 
-/// Memory of the search, kept from one to the next. A state is a point and the direction in which it was reached.
+/// Memory of the search, kept from one to the next. A state is a point and the direction in which
+/// it was reached.
 struct Search {
     cost: Vec<u32>,
     came_from: Vec<u8>,
@@ -484,7 +491,8 @@ impl Search {
         let (Some(start), Some(bounds)) = (board.index(terminal.at), bounds) else {
             return Err(NoWay::Narrow);
         };
-        // What is left at least: the distance to the goals, and a bend where they are not straight ahead.
+        // What is left at least: the distance to the goals, and a bend where they are not straight
+        // ahead.
         let ahead = |state: usize| {
             let [column, row] = board.spot(state / 4);
             let (to_left, to_right) = (column - bounds.right, bounds.left - column);

@@ -14,7 +14,7 @@ use super::*;
 use crate::boards;
 use crate::lang::load_text;
 
-// ─── A robot with little room ─────────────────────────────────────────────────────────────────────────────────────────
+// ─── A robot with little room ────────────────────────────────────────────────────────────────────
 
 const BLOB_BYTES: usize = 4_000;
 const ARENA_WORDS: usize = 40;
@@ -145,7 +145,7 @@ fn upload(blob: &[u8]) -> Result<(), LinkError> {
     ask(Request::Commit(Swap::default()))
 }
 
-// ─── Missions of every size ───────────────────────────────────────────────────────────────────────────────────────────
+// ─── Missions of every size ──────────────────────────────────────────────────────────────────────
 
 /// A mission of a size.
 type Mission = fn(usize) -> String;
@@ -244,7 +244,8 @@ fn told(text: &str) -> Vec<(u32, String)> {
 
 #[test]
 fn what_is_said_of_a_mission_is_what_the_robot_says() {
-    // Missions by size, the sizes, what the robot has too little of in the end, and the first size that is too great.
+    // Missions by size, the sizes, what the robot has too little of in the end, and the first size
+    // that is too great.
     type Case = (Mission, std::ops::Range<usize>, Capacity, usize);
     let name_that_fits = BLOB_BYTES - blob_of(&with_name_of(0x100)).len() + 0x100;
     let cases: [Case; 6] = [
@@ -252,7 +253,8 @@ fn what_is_said_of_a_mission_is_what_the_robot_says() {
         (with_task_states, 1..12, Capacity::TaskInstances, TASKS + 1),
         (with_nets, 1..5, Capacity::Nets, NETS + 1),
         (with_groups, 1..4, Capacity::ExclusiveGroups, GROUPS + 1),
-        // 5 words hold flags, enabled tasks, queue, and which regions are active and awake; each region takes one and a half.
+        // 5 words hold flags, enabled tasks, queue, and which regions are active and awake; each
+        // region takes one and a half.
         (with_regions, 20..27, Capacity::ArenaWords, 24),
         (
             with_name_of,
@@ -407,7 +409,8 @@ fn files_with_other_errors_are_not_compared() {
     assert_eq!(checked.diagnostics, before);
 }
 
-/// A chain of events through three regions, in an interpreter's slot of this duration; with `circle`, the last event causes the first.
+/// A chain of events through three regions, in an interpreter's slot of this duration; with
+/// `circle`, the last event causes the first.
 fn chain(duration_us: u32, circle: bool) -> String {
     let last = if circle { " / send First" } else { "" };
     format!(

@@ -1,4 +1,5 @@
-//! What is different between two missions, by the tables of their blobs, and what of the one that runs goes on in the other after a warm swap.
+//! What is different between two missions, by the tables of their blobs, and what of the one that
+//! runs goes on in the other after a warm swap.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -32,7 +33,8 @@ pub struct Changed {
     pub to: String,
 }
 
-/// How two missions differ. States, transitions and parameters are those of containers, each counted once however often it is used.
+/// How two missions differ. States, transitions and parameters are those of containers, each
+/// counted once however often it is used.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Changes {
     /// Hash of the first.
@@ -221,7 +223,8 @@ fn tasks(report: &Report) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// The regions of a mission, each with what its states' names begin with: nothing in the machine, else the container's name.
+/// The regions of a mission, each with what its states' names begin with: nothing in the machine,
+/// else the container's name.
 fn regions(report: &Report) -> impl Iterator<Item = (String, &RegionTable)> {
     let containers = report.container_tables.iter().enumerate();
     containers.flat_map(|(index, container)| {
@@ -311,8 +314,8 @@ fn paths(report: &Report) -> BTreeMap<String, String> {
 }
 
 impl CarryOver {
-    /// What goes on of a mission whose region instances are in these states (none where they are not active), by the rules of
-    /// [`Interpreter::take_over`](esm_core::Interpreter::take_over).
+    /// What goes on of a mission whose region instances are in these states (none where they are
+    /// not active), by the rules of [`Interpreter::take_over`](esm_core::Interpreter::take_over).
     ///
     /// # Errors
     /// One of the blobs has no names, so that nothing goes on.

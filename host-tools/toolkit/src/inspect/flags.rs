@@ -23,7 +23,8 @@ pub(super) enum Flag {
 }
 
 impl Flag {
-    /// The flag behind a bit that is counted from the first of the instance. `container_flags` are the control flags of the container around.
+    /// The flag behind a bit that is counted from the first of the instance. `container_flags` are
+    /// the control flags of the container around.
     pub(super) fn of(state: &State, container_flags: usize, bit: usize) -> Self {
         match bit.checked_sub(state.first_flag) {
             Some(offset) if offset < state.flags => Self::of_state(state.kind, offset),

@@ -1,18 +1,21 @@
 //! A guard back to an expression.
 //!
-//! A program that comes from `and`, `or` and `not` can always be folded: two tests in a row, of which nothing else jumps to the second, are one test if
-//! both jump to the same place (`or`), or if the first jumps to where the second goes on (`and not`). What cannot be folded to a single test
-//! was not made by this compiler, and is shown as it stands.
+//! A program that comes from `and`, `or` and `not` can always be folded: two tests in a row, of
+//! which nothing else jumps to the second, are one test if both jump to the same place (`or`), or
+//! if the first jumps to where the second goes on (`and not`). What cannot be folded to a single
+//! test was not made by this compiler, and is shown as it stands.
 //!
-//! What is folded compiles to the code that it came from: the compiler looks through nesting and negation, so that it makes the same tests of all expressions
-//! that have the same flags in the same order, joined by the same words.
+//! What is folded compiles to the code that it came from: the compiler looks through nesting and
+//! negation, so that it makes the same tests of all expressions that have the same flags in the
+//! same order, joined by the same words.
 
 use std::fmt::{self, Display, Formatter};
 
 /// Deeper nesting than this is not folded. The language's parentheses go less deep.
 const MAX_DEPTH: usize = 256;
 
-/// A guard. The negation of a whole expression is one bit, so that folding never walks through what it has built.
+/// A guard. The negation of a whole expression is one bit, so that folding never walks through what
+/// it has built.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Expression {
     is_negated: bool,
@@ -45,7 +48,8 @@ pub(super) enum Written {
 pub(super) struct Test {
     /// Jumps if this is true.
     pub jumps_if: Expression,
-    /// Where to, as an index into the tests; their number where the guard is true; `None` where it is false.
+    /// Where to, as an index into the tests; their number where the guard is true; `None` where it
+    /// is false.
     pub to: Option<usize>,
 }
 
@@ -135,7 +139,8 @@ pub(super) fn fold(tests: Vec<Test>) -> Option<Expression> {
         let mut last = (position, test);
         while let Some((first_end, first)) = folded.pop() {
             let (end, second) = last;
-            // What comes later cannot jump back, so only the tests kept so far could jump between the two.
+            // What comes later cannot jump back, so only the tests kept so far could jump between
+            // the two.
             let between = Some(first_end + 1);
             let own = usize::from(first.to == between) + usize::from(second.to == between);
             let others = jumps_to.get(first_end + 1).map_or(0, |count| count - own);

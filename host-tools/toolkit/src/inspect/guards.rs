@@ -25,7 +25,8 @@ pub struct ReadGuard {
 pub struct Read {
     /// As the source names it.
     pub name: String,
-    /// Its bit, counted from the first of the container instance; none for the busy flag of a superstate.
+    /// Its bit, counted from the first of the container instance; none for the busy flag of a
+    /// superstate.
     pub bit: Option<usize>,
 }
 

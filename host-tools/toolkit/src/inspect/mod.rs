@@ -1,7 +1,8 @@
 //! A blob back to tables that people and programs can read, by the code that the firmware uses.
 //!
-//! [`Report::of`] takes a verified blob apart; its [`Display`](std::fmt::Display) is for people, its serde form for programs. Names come from the
-//! blob's name table; where that was left out, they are made up.
+//! [`Report::of`] takes a verified blob apart; its [`Display`](std::fmt::Display) is for people,
+//! its serde form for programs. Names come from the blob's name table; where that was left out,
+//! they are made up.
 
 pub mod changes;
 mod flags;
@@ -307,7 +308,8 @@ impl Reader<'_> {
         index: usize,
         container: &Container,
     ) -> impl Iterator<Item = (usize, Region)> {
-        // By their numbers: whoever passes over those before decodes each of them, for each container.
+        // By their numbers: whoever passes over those before decodes each of them, for each
+        // container.
         let from_its_first = container.first_region..self.tables.regions().len();
         from_its_first
             .map_while(|number| Some((number, self.tables.region(number)?)))

@@ -202,7 +202,8 @@ struct WrittenGuard<'t> {
 }
 
 impl<'t> WrittenGuard<'t> {
-    /// The guard of the transition at a span, if it has one that is written on one line and without a comment.
+    /// The guard of the transition at a span, if it has one that is written on one line and without
+    /// a comment.
     fn find(text: &'t str, transition: Span) -> Option<Self> {
         let mut lexer = Lexer::new_at(text, transition.start);
         let mut guard = WrittenGuard {
@@ -282,7 +283,8 @@ pub(super) fn exclude_guards(text: &str, transition: Span, others: &[Span]) -> O
     Some(Fix::new(format!("add `{}`", excluded.trim_start()), edits))
 }
 
-/// Makes a transition that is taken at `[timeout]`, and at nothing else, one that is taken at the next macro step.
+/// Makes a transition that is taken at `[timeout]`, and at nothing else, one that is taken at the
+/// next macro step.
 pub(super) fn without_timeout(text: &str, transition: Span) -> Option<Edit> {
     let guard = WrittenGuard::find(text, transition)?;
     if guard.words?.trim() != "timeout" {

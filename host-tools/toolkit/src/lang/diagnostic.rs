@@ -296,7 +296,8 @@ impl Diagnostic {
     }
 }
 
-/// The text with control characters spelt out: what a file says must not steer the terminal of whoever reads a message about it.
+/// The text with control characters spelt out: what a file says must not steer the terminal of
+/// whoever reads a message about it.
 fn visible(text: String) -> String {
     if !text.contains(char::is_control) {
         return text;
@@ -312,7 +313,8 @@ fn visible(text: String) -> String {
     visible
 }
 
-/// The most diagnostics that one set of files gets. More than anybody reads, and few enough for megabytes of garbage.
+/// The most diagnostics that one set of files gets. More than anybody reads, and few enough for
+/// megabytes of garbage.
 const MAX_DIAGNOSTICS: usize = 10_000;
 
 /// Collects diagnostics, up to [`MAX_DIAGNOSTICS`]. No warning takes the place of an error.
@@ -337,7 +339,8 @@ impl Sink {
         }
     }
 
-    /// Counts an error whose message nobody will see, where no more is kept. Returns whether that is so: it then need not be put into words.
+    /// Counts an error whose message nobody will see, where no more is kept. Returns whether that
+    /// is so: it then need not be put into words.
     pub(super) fn omits_error(&mut self) -> bool {
         let is_full = self.errors.len() >= MAX_DIAGNOSTICS;
         self.omitted += usize::from(is_full);
@@ -354,7 +357,8 @@ impl Sink {
         !self.errors.is_empty()
     }
 
-    /// All diagnostics, sorted by file, place and code. If some were left out, the last one that came says how many.
+    /// All diagnostics, sorted by file, place and code. If some were left out, the last one that
+    /// came says how many.
     pub(super) fn into_sorted(self) -> Vec<Diagnostic> {
         let mut list = self.errors;
         let room = MAX_DIAGNOSTICS.saturating_sub(list.len());

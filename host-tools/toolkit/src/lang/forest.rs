@@ -35,7 +35,8 @@ impl Forest {
         node
     }
 
-    /// Joins two sets. Gives the node that stands for both and the one that no longer stands for any, if they were two.
+    /// Joins two sets. Gives the node that stands for both and the one that no longer stands for
+    /// any, if they were two.
     pub(super) fn join(&mut self, a: usize, b: usize) -> Option<(usize, usize)> {
         let (a, b) = (self.root(a), self.root(b));
         if a == b {

@@ -82,7 +82,8 @@ pub enum TokenKind {
     #[token("history")]
     KeptForLater,
 
-    /// An ANSI C identifier that is not reserved. Units, type names and words such as `period` are among them.
+    /// An ANSI C identifier that is not reserved. Units, type names and words such as `period` are
+    /// among them.
     #[regex("[A-Za-z_][A-Za-z0-9_]*", priority = 2)]
     Identifier,
     /// A word with letters that an identifier does not have.
@@ -144,7 +145,8 @@ pub enum TokenKind {
     EndOfFile,
 }
 
-/// Skips to the end of a block comment. One without an end becomes a token, so that the parser can say where it starts.
+/// Skips to the end of a block comment. One without an end becomes a token, so that the parser can
+/// say where it starts.
 fn skip_block_comment(lexer: &mut logos::Lexer<'_, TokenKind>) -> Filter<()> {
     match lexer.remainder().find("*/") {
         Some(end) => {
@@ -164,7 +166,8 @@ impl TokenKind {
         (self as u8) <= TokenKind::KeptForLater as u8
     }
 
-    /// Whether this is a word that cannot be a name: a reserved one, or one with letters that names do not have, or a very long one.
+    /// Whether this is a word that cannot be a name: a reserved one, or one with letters that names
+    /// do not have, or a very long one.
     pub fn is_no_name(self) -> bool {
         self.is_reserved() || self == TokenKind::ForeignWord
     }
@@ -212,7 +215,8 @@ pub const RESERVED_WORDS: [&str; 38] = [
     "history",
 ];
 
-/// The longest name. Longer ones are no names, so that ten thousand messages about one stay readable, and in memory.
+/// The longest name. Longer ones are no names, so that ten thousand messages about one stay
+/// readable, and in memory.
 pub const MAX_NAME_BYTES: usize = 1_000;
 
 /// A token: its kind and its byte range.
@@ -237,7 +241,8 @@ pub struct Lexer<'t> {
 impl<'t> Lexer<'t> {
     /// A lexer at the start of the text, which is shorter than 4 GiB.
     pub fn new(text: &'t str) -> Self {
-        // The end of the file is on its last line: behind the last character that is not the break of that line.
+        // The end of the file is on its last line: behind the last character that is not the break
+        // of that line.
         let last_line = text.strip_suffix('\n').unwrap_or(text);
         let last_line = last_line.strip_suffix('\r').unwrap_or(last_line);
         let end = last_line.len() as u32;
@@ -300,13 +305,15 @@ pub struct Comment<'t> {
     pub text: &'t str,
     /// Whether it starts with `//`, so that nothing can follow on its line.
     pub is_line: bool,
-    /// How many lines end between what stands before it (a token, a comment, or the start of the text) and it.
+    /// How many lines end between what stands before it (a token, a comment, or the start of the
+    /// text) and it.
     pub breaks_before: usize,
     /// First byte of the comment in the gap.
     pub start: usize,
 }
 
-/// The comments in a gap between two tokens. Reading tokens alone costs nothing for them: who wants them asks gap by gap.
+/// The comments in a gap between two tokens. Reading tokens alone costs nothing for them: who wants
+/// them asks gap by gap.
 #[derive(Clone, Debug)]
 pub struct Comments<'t> {
     gap: &'t str,
@@ -364,8 +371,9 @@ impl<'t> Iterator for Comments<'t> {
     }
 }
 
-/// Where the lines in a gap are that describe what follows: from the first `///` to the end of the last such line. A comment on the
-/// line of the token before describes nothing, nor does one with more than three slashes. `is_first`: the gap starts the file.
+/// Where the lines in a gap are that describe what follows: from the first `///` to the end of the
+/// last such line. A comment on the line of the token before describes nothing, nor does one with
+/// more than three slashes. `is_first`: the gap starts the file.
 pub fn docs(gap: &str, is_first: bool) -> Option<(usize, usize)> {
     if !gap.contains("///") {
         return None;

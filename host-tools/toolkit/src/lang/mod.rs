@@ -1,12 +1,13 @@
-//! The language front end: from `.esm` files to a resolved [`Model`], or to everything that is wrong with them.
+//! The language front end: from `.esm` files to a resolved [`Model`], or to everything that is
+//! wrong with them.
 //!
 //! ```text
 //! text ─ lexer ─▶ tokens ─ parser ─▶ tree ─ resolve ─▶ Model
 //!                              └──────────────┴──────▶ diagnostics ─ render ─▶ people, programs
 //! ```
 //!
-//! The parser never fails: whatever it is given, it makes a tree of what it could read and reports the rest. So one run finds
-//! the mistakes of all stages.
+//! The parser never fails: whatever it is given, it makes a tree of what it could read and reports
+//! the rest. So one run finds the mistakes of all stages.
 //!
 //! ```
 //! let checked = esm_toolkit::lang::load_text("wrong.esm", "task T { out flag near; out flag near; }");
@@ -50,7 +51,8 @@ pub struct Checked {
     pub diagnostics: Vec<Diagnostic>,
     /// What the files say; there exactly if no diagnostic is an error.
     pub model: Option<Model>,
-    /// The slots whose period and duration are known, in source order: there also where other things are wrong.
+    /// The slots whose period and duration are known, in source order: there also where other
+    /// things are wrong.
     slots: Vec<SlotSpec>,
     /// Where slots that have no schedule are reported.
     first_slot: Span,
@@ -75,7 +77,8 @@ pub fn load_text(name: &str, text: &str) -> Checked {
     load_texts(&[(name, text)])
 }
 
-/// Checks a set of texts by path and content, as if they were files; the first is the one asked for. Paths separate with `/`.
+/// Checks a set of texts by path and content, as if they were files; the first is the one asked
+/// for. Paths separate with `/`.
 pub fn load_texts(files: &[(&str, &str)]) -> Checked {
     let files: Vec<(&str, &[u8])> = files
         .iter()
@@ -84,7 +87,8 @@ pub fn load_texts(files: &[(&str, &str)]) -> Checked {
     load_files(&files)
 }
 
-/// [`load_texts`] for files that may be no text: what is not UTF-8 is reported, as it is for a file on disk.
+/// [`load_texts`] for files that may be no text: what is not UTF-8 is reported, as it is for a file
+/// on disk.
 pub fn load_files(files: &[(&str, &[u8])]) -> Checked {
     let path = files.first().map_or("", |file| file.0);
     // Only an empty list has no first file; it is checked as an empty text.
@@ -187,13 +191,14 @@ impl Checked {
         }
     }
 
-    /// The slots in source order, as the search for a schedule takes them. All of them only where no error is about slots: one whose period or duration is not known
-    /// is left out.
+    /// The slots in source order, as the search for a schedule takes them. All of them only where
+    /// no error is about slots: one whose period or duration is not known is left out.
     pub fn slots(&self) -> &[SlotSpec] {
         &self.slots
     }
 
-    /// Searches for start times of the slots, for at most `limit`, and adds E011 where there are none or none were found.
+    /// Searches for start times of the slots, for at most `limit`, and adds E011 where there are
+    /// none or none were found.
     ///
     /// Gives `None` where slots are wrong already, so that the question has no meaning.
     pub fn solve_slots(&mut self, limit: impl Into<Limit>) -> Option<Outcome> {
@@ -267,8 +272,8 @@ impl Checked {
         render::for_people(&self.files, &self.diagnostics, colour)
     }
 
-    /// The same without what is unused (W107) in other files than the one that was asked for: a mission seldom uses all of a library.
-    /// How many of these each file has stands beside it.
+    /// The same without what is unused (W107) in other files than the one that was asked for: a
+    /// mission seldom uses all of a library. How many of these each file has stands beside it.
     pub fn render_folded(&self, colour: bool) -> Folded<'_> {
         let (folded, shown): (Vec<_>, Vec<_>) = self
             .diagnostics
@@ -294,7 +299,8 @@ impl Checked {
         }
     }
 
-    /// The diagnostics for programs: one JSON object a line with `code`, `severity`, `file`, `line`, `col`, `message`.
+    /// The diagnostics for programs: one JSON object a line with `code`, `severity`, `file`,
+    /// `line`, `col`, `message`.
     pub fn json_lines(&self) -> String {
         render::json_lines(&self.files, &self.diagnostics)
     }

@@ -4,8 +4,9 @@ use std::collections::HashMap;
 
 use crate::model::Span;
 
-/// Every place that names something that is declared, and where that is. A declaration names itself. Places whose meaning could not be
-/// found out are missing. Names that are declared nowhere, types of data and `exclusive` groups, count as declared at their first use.
+/// Every place that names something that is declared, and where that is. A declaration names
+/// itself. Places whose meaning could not be found out are missing. Names that are declared
+/// nowhere, types of data and `exclusive` groups, count as declared at their first use.
 #[derive(Clone, Debug, Default)]
 pub struct References {
     /// Place and declaration, by place.
@@ -15,7 +16,8 @@ pub struct References {
 }
 
 impl References {
-    /// The place at a byte of a file, if it names something, and where that is declared. The byte directly behind a name counts.
+    /// The place at a byte of a file, if it names something, and where that is declared. The byte
+    /// directly behind a name counts.
     pub fn at(&self, file: u32, offset: u32) -> Option<(Span, Span)> {
         let behind = self
             .uses
@@ -73,7 +75,8 @@ impl<'f> Record<'f> {
     /// All that was taken down.
     pub(super) fn finish(mut self) -> References {
         self.uses.sort_unstable();
-        // A second definition names itself too, but what counts is the first thing that a place was found to mean.
+        // A second definition names itself too, but what counts is the first thing that a place was
+        // found to mean.
         self.uses.dedup_by_key(|(place, _)| *place);
         let mut places: Vec<(Span, Span)> = self
             .uses

@@ -45,8 +45,9 @@ pub(super) fn json_lines(files: &[SourceFile], diagnostics: &[Diagnostic]) -> St
         .collect()
 }
 
-/// Messages with the source lines they are about, one below the other. Words of the source in them are clean where `annotate_snippets` does not see to that: it shows control
-/// characters of excerpts as pictures of them, and what is left of those is cleaned where the text is written.
+/// Messages with the source lines they are about, one below the other. Words of the source in them
+/// are clean where `annotate_snippets` does not see to that: it shows control characters of
+/// excerpts as pictures of them, and what is left of those is cleaned where the text is written.
 pub(super) fn for_people(files: &[SourceFile], diagnostics: &[Diagnostic], colour: bool) -> String {
     let renderer = if colour {
         Renderer::styled()
@@ -109,7 +110,8 @@ fn group<'d>(
     group
 }
 
-/// The line that a fix changes, as it is afterwards: none where it changes several or leaves nothing of it, or the line is long.
+/// The line that a fix changes, as it is afterwards: none where it changes several or leaves
+/// nothing of it, or the line is long.
 fn mended_line(files: &[SourceFile], fix: &Fix) -> Option<String> {
     let (first, last) = (fix.edits.first()?.span, fix.edits.last()?.span);
     let text = files.get(first.file as usize)?.text.as_str();
@@ -149,7 +151,8 @@ fn snippet<'d>(
 ) -> Option<Snippet<'d, Annotation<'d>>> {
     let text = files.get(span.file as usize)?.text.as_str();
     let start = (span.start as usize).min(text.len());
-    // No more is looked at than is shown: a line can be megabytes long, and hold thousands of mistakes.
+    // No more is looked at than is shown: a line can be megabytes long, and hold thousands of
+    // mistakes.
     let near_start = floor_boundary(text, start.saturating_sub(MAX_CONTEXT_BYTES));
     let near_end = floor_boundary(text, (start + MAX_CONTEXT_BYTES).min(text.len()));
     let shown_start = text

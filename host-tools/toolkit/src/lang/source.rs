@@ -46,7 +46,8 @@ pub struct Position {
     pub col: u32,
 }
 
-/// Turns byte offsets of a set of files into lines and columns. Making it reads each file once; a query costs a binary search.
+/// Turns byte offsets of a set of files into lines and columns. Making it reads each file once; a
+/// query costs a binary search.
 #[derive(Clone, Debug)]
 pub struct Positions<'f> {
     files: &'f [SourceFile],
@@ -89,7 +90,8 @@ impl<'f> Positions<'f> {
     }
 }
 
-/// How many bytes lie between two counts of characters: a column in a line of megabytes costs no more to find than in a short one.
+/// How many bytes lie between two counts of characters: a column in a line of megabytes costs no
+/// more to find than in a short one.
 const BLOCK_BYTES: usize = 256;
 
 /// Line starts of one text, and how many characters stand before each block of it.

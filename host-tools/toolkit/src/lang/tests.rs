@@ -1,4 +1,5 @@
-//! Wrong files and what is said about them; right files and what they mean; files that nobody would write.
+//! Wrong files and what is said about them; right files and what they mean; files that nobody would
+//! write.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -102,7 +103,7 @@ fn with_rest<'c>(
         .map(|&(text, expected)| (format!("{text}{REST}"), expected))
 }
 
-// ─── E001: syntax and numbers ─────────────────────────────────────────────────────────────────────────────────────────
+// ─── E001: syntax and numbers ────────────────────────────────────────────────────────────────────
 
 #[test]
 fn what_is_right_is_not_reported() {
@@ -409,7 +410,7 @@ fn tokens_of(text: &str) -> Vec<(usize, usize)> {
     .collect()
 }
 
-// ─── E002, E003, E004 ─────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── E002, E003, E004 ────────────────────────────────────────────────────────────────────────────
 
 #[test]
 fn unknown_names() {
@@ -633,7 +634,7 @@ fn regions_without_a_start() {
     ]));
 }
 
-// ─── E005, E006, E007 ─────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── E005, E006, E007 ────────────────────────────────────────────────────────────────────────────
 
 #[test]
 fn flags_against_their_direction() {
@@ -707,7 +708,7 @@ fn containers_that_contain_themselves() {
     assert_places(cases);
 }
 
-// ─── E008, E009 ───────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── E008, E009 ──────────────────────────────────────────────────────────────────────────────────
 
 #[test]
 fn data_paths() {
@@ -812,7 +813,7 @@ fn slots_and_parameters_of_task_states() {
     ]));
 }
 
-// ─── E010, E011, E013 ─────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── E010, E011, E013 ────────────────────────────────────────────────────────────────────────────
 
 #[test]
 fn more_task_states_than_there_is_room_for() {
@@ -1073,7 +1074,7 @@ fn a_machine_can_be_demanded() {
     assert!(!checked.has_errors());
 }
 
-// ─── Files ────────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Files ───────────────────────────────────────────────────────────────────────────────────────
 
 #[test]
 fn columns_count_characters() {
@@ -1086,7 +1087,7 @@ fn columns_count_characters() {
     ]));
 }
 
-// ─── The model ────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── The model ───────────────────────────────────────────────────────────────────────────────────
 
 #[test]
 fn the_model_says_what_the_files_say() {
@@ -1157,7 +1158,7 @@ fn the_model_says_what_the_files_say() {
     assert!(turn.events[0].forwarded_in && !turn.events[0].forwarded_out);
 }
 
-// ─── Messages ─────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Messages ────────────────────────────────────────────────────────────────────────────────────
 
 #[test]
 fn messages_for_people() {
@@ -1225,7 +1226,7 @@ fn codes_are_written_as_they_are_named() {
     assert!(Code::ALL.is_sorted());
 }
 
-// ─── Files that nobody would write ────────────────────────────────────────────────────────────────────────────────────
+// ─── Files that nobody would write ───────────────────────────────────────────────────────────────
 
 /// Checks a text, and that it neither takes long nor says too much.
 fn endures(name: &str, text: &str, must_fail: bool) {
@@ -1340,7 +1341,7 @@ fn containers_nest_without_bound() {
     endures("nested", &(text + REST), false);
 }
 
-// ─── Laws ─────────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Laws ────────────────────────────────────────────────────────────────────────────────────────
 
 /// Words and signs of the language, and some that are not.
 fn token() -> impl Strategy<Value = &'static str> {
@@ -1454,7 +1455,8 @@ fn right_file() -> String {
     )
 }
 
-/// What must hold of every text: an answer, places inside of it, in order, and a model only without errors.
+/// What must hold of every text: an answer, places inside of it, in order, and a model only without
+/// errors.
 fn assert_lawful(text: &str) -> Result<(), TestCaseError> {
     let mut checked = load_text("case.esm", text);
     checked.lay_out(Duration::from_millis(50));

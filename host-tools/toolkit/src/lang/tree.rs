@@ -1,7 +1,8 @@
 //! The syntax tree: what a file says, before anything is looked up.
 //!
-//! A tree is made of every text, however wrong. What could not be read is `None` or [`Given::Broken`], so that later passes say
-//! nothing about it. Names are spans: their text is in the file.
+//! A tree is made of every text, however wrong. What could not be read is `None` or
+//! [`Given::Broken`], so that later passes say nothing about it. Names are spans: their text is in
+//! the file.
 
 use crate::model::{Direction, ParamType, Span};
 
@@ -60,7 +61,8 @@ pub struct File {
     pub skipped: Vec<Name>,
     /// Whether a comment that is never closed hides the rest of it.
     pub is_cut: bool,
-    /// Whether something in it was not understood, or its end is missing: there may be more than what is here.
+    /// Whether something in it was not understood, or its end is missing: there may be more than
+    /// what is here.
     pub has_gaps: bool,
 }
 
@@ -153,7 +155,8 @@ pub struct Task {
     pub skipped: Vec<Name>,
     /// Whether a comment that is never closed hides the rest of it.
     pub is_cut: bool,
-    /// Whether something in it was not understood, or its end is missing: there may be more than what is here.
+    /// Whether something in it was not understood, or its end is missing: there may be more than
+    /// what is here.
     pub has_gaps: bool,
 }
 
@@ -206,7 +209,8 @@ pub struct Param {
     pub range: Given<(Literal, Literal)>,
 }
 
-/// A literal. Its text (without the sign) is what the span covers from its last token on; it is read when its type is known.
+/// A literal. Its text (without the sign) is what the span covers from its last token on; it is
+/// read when its type is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Literal {
     /// What it looks like.
@@ -255,7 +259,8 @@ pub struct Container {
     pub skipped: Vec<Name>,
     /// Whether a comment that is never closed hides the rest of it.
     pub is_cut: bool,
-    /// Whether something in it was not understood, or its end is missing: there may be more than what is here.
+    /// Whether something in it was not understood, or its end is missing: there may be more than
+    /// what is here.
     pub has_gaps: bool,
 }
 
@@ -300,7 +305,8 @@ pub struct Region {
     pub skipped: Vec<Name>,
     /// Whether a comment that is never closed hides the rest of it.
     pub is_cut: bool,
-    /// Whether something in it was not understood, or its end is missing: there may be more than what is here.
+    /// Whether something in it was not understood, or its end is missing: there may be more than
+    /// what is here.
     pub has_gaps: bool,
 }
 

@@ -1,7 +1,8 @@
 //! What can stand where the cursor is.
 //!
-//! The file is read up to the cursor, token by token, and that is enough to know the body and the statement in which it stands; the rest
-//! of the file may be in any state. What the names stand for comes from the tree, which has all that could be read.
+//! The file is read up to the cursor, token by token, and that is enough to know the body and the
+//! statement in which it stands; the rest of the file may be in any state. What the names stand for
+//! comes from the tree, which has all that could be read.
 
 use std::collections::BTreeSet;
 
@@ -70,7 +71,8 @@ pub(super) fn at(set: &Set, file: u32, offset: u32) -> Vec<CompletionItem> {
     items.list
 }
 
-/// Whether the cursor stands in a comment: behind the last token, a `//` without the end of its line or a `/*` without its own.
+/// Whether the cursor stands in a comment: behind the last token, a `//` without the end of its
+/// line or a `/*` without its own.
 fn is_in_comment(source: &str, statement: &[Token], offset: u32) -> bool {
     let from = statement.last().map_or_else(
         || source.get(..offset as usize).map_or(0, line_start),
@@ -475,7 +477,7 @@ impl<'c> Context<'c> {
         }
     }
 
-    // ─── What there is ────────────────────────────────────────────────────────────────────────────────────────────
+    // ─── What there is ───────────────────────────────────────────────────────────────────────────
 
     fn states(&self, items: &mut Items) {
         let states = self.region.into_iter().flat_map(|region| &region.states);

@@ -1,4 +1,5 @@
-//! What is told about a name: its declaration, the comment that goes with it, and what has to do with it.
+//! What is told about a name: its declaration, the comment that goes with it, and what has to do
+//! with it.
 
 use std::fmt::Write as _;
 
@@ -197,7 +198,8 @@ fn clipped_line(line: &str) -> String {
     clipped
 }
 
-/// Where the statement around a byte starts: behind the `;` or brace before it, and behind comments.
+/// Where the statement around a byte starts: behind the `;` or brace before it, and behind
+/// comments.
 fn start_of_statement(source: &str, at: u32) -> u32 {
     let mut lexer = crate::lang::lexer::Lexer::new(source);
     let mut start = 0;

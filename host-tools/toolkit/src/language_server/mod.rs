@@ -6,10 +6,11 @@
 //!                                        documents ─ lang ─▶ sets: diagnostics, trees, references
 //! ```
 //!
-//! A [`Session`] takes messages and writes messages; who has a thread reads ahead for it. What came in while it was busy
-//! is taken together: texts are checked once for many key strokes, and a request that is cancelled meanwhile is not worked on. Nor is one about a
-//! text that has changed again, where a check takes so long that requests would pile up. Sets of files are checked as `esm check` does, with open
-//! texts over those on disk, and kept until a text changes.
+//! A [`Session`] takes messages and writes messages; who has a thread reads ahead for it. What came
+//! in while it was busy is taken together: texts are checked once for many key strokes, and a
+//! request that is cancelled meanwhile is not worked on. Nor is one about a text that has changed
+//! again, where a check takes so long that requests would pile up. Sets of files are checked as
+//! `esm check` does, with open texts over those on disk, and kept until a text changes.
 //!
 //! Nothing that comes in ends it but the editor's `exit` or the end of the stream.
 
@@ -49,7 +50,8 @@ pub use workspace::Workspace;
 /// How many diagnostics a file is shown with.
 const MAX_SHOWN_DIAGNOSTICS: usize = 1_000;
 
-/// How long a check may work for every request to get its answer. Where it takes longer, those that a change has overtaken are told so.
+/// How long a check may work for every request to get its answer. Where it takes longer, those that
+/// a change has overtaken are told so.
 const PROMPT: Duration = Duration::from_millis(200);
 
 /// How the editor ended the conversation.
@@ -74,7 +76,8 @@ impl<'w> Session<'w> {
         }
     }
 
-    /// Works on all that has come in since, and writes what there is to say. Gives how the conversation ended, when it has.
+    /// Works on all that has come in since, and writes what there is to say. Gives how the
+    /// conversation ended, when it has.
     ///
     /// # Errors
     /// The output cannot be written to.
@@ -447,7 +450,7 @@ impl<'w> Server<'w> {
         self.touch();
     }
 
-    // ─── Sets ─────────────────────────────────────────────────────────────────────────────────────────────────────
+    // ─── Sets ────────────────────────────────────────────────────────────────────────────────────
 
     /// Open texts as the front end takes them.
     fn open_texts(&self) -> BTreeMap<String, String> {
@@ -458,7 +461,8 @@ impl<'w> Server<'w> {
             .collect()
     }
 
-    /// The sets of the open files. A file that another one uses is looked at as a part of that one's set.
+    /// The sets of the open files. A file that another one uses is looked at as a part of that
+    /// one's set.
     fn sets(&mut self) -> &[Set] {
         if self.sets.is_none() {
             let start = (self.now)();
@@ -504,7 +508,7 @@ impl<'w> Server<'w> {
         json!({ "uri": uri_of(identity, &self.documents), "range": range })
     }
 
-    // ─── Diagnostics ──────────────────────────────────────────────────────────────────────────────────────────────
+    // ─── Diagnostics ─────────────────────────────────────────────────────────────────────────────
 
     /// What is to be shown, where that may have changed.
     fn publish(&mut self) -> Vec<Message> {
@@ -582,7 +586,7 @@ impl<'w> Server<'w> {
         })
     }
 
-    // ─── Names ────────────────────────────────────────────────────────────────────────────────────────────────────
+    // ─── Names ───────────────────────────────────────────────────────────────────────────────────
 
     fn definition(&mut self, at: At) -> Answer {
         let workspace = self.workspace;
@@ -868,7 +872,8 @@ impl Everywhere {
     }
 }
 
-/// What is wrong with a set, as it is shown: of files that are used by others, nothing is said about what these leave unused.
+/// What is wrong with a set, as it is shown: of files that are used by others, nothing is said
+/// about what these leave unused.
 fn diagnostics(set: &Set) -> impl Iterator<Item = &Diagnostic> {
     set.checked
         .diagnostics
@@ -885,7 +890,8 @@ fn identity_of(store: &dyn Store, uri: &str) -> String {
     )
 }
 
-/// A text that is longer than a source file may be is cut: it gets a message about its end, and nothing takes long.
+/// A text that is longer than a source file may be is cut: it gets a message about its end, and
+/// nothing takes long.
 fn bounded(mut text: String) -> String {
     let mut end = text.len().min(MAX_FILE_BYTES as usize);
     while !text.is_char_boundary(end) {

@@ -61,7 +61,8 @@ impl Declared<'_> {
     }
 }
 
-/// What is declared with the name at a span; nothing for types of data and groups, which have no declaration.
+/// What is declared with the name at a span; nothing for types of data and groups, which have no
+/// declaration.
 pub(super) fn declared(file: &tree::File, span: Span) -> Option<Declared<'_>> {
     let is = |name: Option<Name>| name == Some(Name(span));
     let number = |number: Option<tree::Number>| number.is_some_and(|number| number.span == span);

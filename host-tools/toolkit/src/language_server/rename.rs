@@ -1,7 +1,7 @@
 //! New names for things, in all files that use them.
 //!
-//! Whether a new name is free is not worked out by rules beside those of the language: the texts are edited, checked again, and every name
-//! must then mean what it meant before.
+//! Whether a new name is free is not worked out by rules beside those of the language: the texts
+//! are edited, checked again, and every name must then mean what it meant before.
 
 use std::collections::BTreeMap;
 

@@ -13,7 +13,8 @@ use crate::schedule::{Limit, Now, Outcome};
 use super::text::{Encoding, Text};
 use super::uri;
 
-/// How long start times of slots are searched for. Where that does not suffice nothing is said about them.
+/// How long start times of slots are searched for. Where that does not suffice nothing is said
+/// about them.
 const LAY_OUT_LIMIT: Duration = Duration::from_millis(200);
 
 /// A file that an editor has open.
@@ -127,7 +128,8 @@ impl Set {
         Some((identity, self.text(span.file)?.range(span.start, span.end)))
     }
 
-    /// All places that mean the same as a declaration. For an event these are its places in every container through which it goes.
+    /// All places that mean the same as a declaration. For an event these are its places in every
+    /// container through which it goes.
     pub(super) fn places(&self, declaration: Span) -> Vec<Span> {
         let references = self.checked.references();
         let mut declarations = self.joined_events(declaration);
@@ -141,8 +143,8 @@ impl Set {
         places
     }
 
-    /// The declarations of the event in the containers that it reaches from that of `declaration`, up and down; nothing for what is no
-    /// event.
+    /// The declarations of the event in the containers that it reaches from that of `declaration`,
+    /// up and down; nothing for what is no event.
     fn joined_events(&self, declaration: Span) -> BTreeSet<Span> {
         let containers: Vec<_> = self
             .checked

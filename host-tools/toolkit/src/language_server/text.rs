@@ -25,7 +25,8 @@ impl Encoding {
     }
 }
 
-/// How many bytes lie between two counts of units: a place in a line of megabytes costs no more than in a short one.
+/// How many bytes lie between two counts of units: a place in a line of megabytes costs no more
+/// than in a short one.
 const BLOCK_BYTES: usize = 256;
 
 /// A text that knows where its lines start.

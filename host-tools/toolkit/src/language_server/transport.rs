@@ -1,14 +1,15 @@
 //! Messages on a pair of byte streams: a header with the length, an empty line, a JSON text.
 //!
-//! Whatever comes in, reading goes on: a message that is no JSON, or too long, is reported and skipped, and lines that are no header are
-//! skipped up to the next one.
+//! Whatever comes in, reading goes on: a message that is no JSON, or too long, is reported and
+//! skipped, and lines that are no header are skipped up to the next one.
 
 use std::io::{self, BufRead, Read, Write};
 
 use lsp_server::{ErrorCode, Message};
 use serde_json::json;
 
-/// The longest message that is read, in bytes: a source file of the greatest length with every character escaped fits.
+/// The longest message that is read, in bytes: a source file of the greatest length with every
+/// character escaped fits.
 const MAX_MESSAGE_BYTES: u64 = 256 << 20;
 
 /// The longest line of a header.

@@ -1,7 +1,7 @@
 //! Round numbers along an axis.
 
-/// Positions of marks along an axis from `start` to `end`: multiples of 1, 2 or 5 times a power of ten, at most `most` steps between
-/// them. Empty where the axis has no length or is not finite.
+/// Positions of marks along an axis from `start` to `end`: multiples of 1, 2 or 5 times a power of
+/// ten, at most `most` steps between them. Empty where the axis has no length or is not finite.
 pub fn ticks(start: f64, end: f64, most: usize) -> Vec<f64> {
     let step = step(start, end, most);
     if step <= 0.0 {

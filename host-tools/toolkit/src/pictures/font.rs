@@ -1,6 +1,7 @@
 //! The letters: widths for the layout, outlines for the PNG.
 //!
-//! Noto Sans (Apache-2.0) comes with the program, so that a picture does not depend on the fonts of the machine that makes it.
+//! Noto Sans (Apache-2.0) comes with the program, so that a picture does not depend on the fonts of
+//! the machine that makes it.
 
 use std::sync::LazyLock;
 
@@ -15,7 +16,8 @@ pub enum Weight {
     Bold,
 }
 
-/// `None` only if the embedded file were broken, which a test rules out; text would then be missing, not the program.
+/// `None` only if the embedded file were broken, which a test rules out; text would then be
+/// missing, not the program.
 static REGULAR: LazyLock<Option<Face<'static>>> =
     LazyLock::new(|| Face::parse(ttf_noto_sans::REGULAR, 0).ok());
 static BOLD: LazyLock<Option<Face<'static>>> =
@@ -38,7 +40,8 @@ pub fn width(words: &str, size: f32, weight: Weight) -> f32 {
     units as f32 * size / f32::from(face.units_per_em())
 }
 
-/// `words`, shortened with an ellipsis until they fit into `room`; `None` where not even one letter does.
+/// `words`, shortened with an ellipsis until they fit into `room`; `None` where not even one letter
+/// does.
 pub fn fitted(words: &str, room: f32, size: f32, weight: Weight) -> Option<String> {
     if width(words, size, weight) <= room {
         return Some(words.into());
@@ -82,7 +85,8 @@ pub fn outline(
     }
 }
 
-/// The glyph of a letter and the distance to the next one, in font units. A letter that the font lacks is its box for such.
+/// The glyph of a letter and the distance to the next one, in font units. A letter that the font
+/// lacks is its box for such.
 fn advance(face: &Face<'_>, letter: char) -> (GlyphId, u16) {
     let glyph = face.glyph_index(letter).unwrap_or(GlyphId(0));
     (glyph, face.glyph_hor_advance(glyph).unwrap_or(0))

@@ -1,8 +1,9 @@
 //! Pictures: the path of a run over the map, its states over time, and the slots of a schedule.
 //!
-//! What a picture shows is worked out once, as a [`scene::Scene`]: shapes and words at places. From that one description come the SVG
-//! and the PNG, so that both say the same. The PNG's letters are drawn from an embedded font, the SVG's from the reader's, which
-//! is asked to keep their widths. Equal input gives equal bytes, on every machine.
+//! What a picture shows is worked out once, as a [`scene::Scene`]: shapes and words at places. From
+//! that one description come the SVG and the PNG, so that both say the same. The PNG's letters are
+//! drawn from an embedded font, the SVG's from the reader's, which is asked to keep their widths.
+//! Equal input gives equal bytes, on every machine.
 //!
 //! ```
 //! use esm_toolkit::pictures::{Leg, PathPicture, PathSample};
@@ -43,7 +44,8 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    /// Compares with a file that was looked at once. `ESM_BLESS=1` writes it anew, to be looked at again.
+    /// Compares with a file that was looked at once. `ESM_BLESS=1` writes it anew, to be looked at
+    /// again.
     fn assert_golden(name: &str, found: &[u8]) {
         let path = Path::new("src/pictures/golden").join(name);
         if std::env::var_os("ESM_BLESS").is_some() {

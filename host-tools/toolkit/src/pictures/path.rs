@@ -11,7 +11,8 @@ use super::scene::{Anchor, Colour, Point, Scene, Shape, Stroke, Text, words};
 pub struct PathPicture {
     /// Heading.
     pub title: String,
-    /// What a reader should know first, such as distance and collisions; one line below the heading.
+    /// What a reader should know first, such as distance and collisions; one line below the
+    /// heading.
     pub facts: Vec<String>,
     /// Walls: start and end.
     pub walls: Vec<[[f32; 2]; 2]>,
@@ -50,8 +51,8 @@ pub struct FloorLine {
 pub struct Leg {
     /// Name of the mission.
     pub name: String,
-    /// Where the robot was, in the order of time. Samples closer together than a picture can show are left out, and so are those
-    /// that are not finite.
+    /// Where the robot was, in the order of time. Samples closer together than a picture can show
+    /// are left out, and so are those that are not finite.
     pub samples: Vec<PathSample>,
 }
 
@@ -68,7 +69,8 @@ pub struct PathSample {
 
 const MAP_WIDTH_MAX: f32 = 960.0;
 const MAP_HEIGHT_MAX: f32 = 680.0;
-/// Around the map: left for the y axis, below for the x axis and the legend, above for the headings.
+/// Around the map: left for the y axis, below for the x axis and the legend, above for the
+/// headings.
 const LEFT: f32 = 52.0;
 const RIGHT: f32 = 24.0;
 const TOP: f32 = 74.0;
@@ -558,7 +560,8 @@ impl<'a> Track<'a> {
         })
     }
 
-    /// Dots with the robot's time, labelled where a label finds room: on the side where it hides the least of the path.
+    /// Dots with the robot's time, labelled where a label finds room: on the side where it hides
+    /// the least of the path.
     fn time_marks(&self, tracks: &[Track<'_>], taken: &mut Vec<Area>, scene: &mut Scene) {
         let seconds = |t_us: u64| t_us as f64 / 1e6;
         let mut points = self.points.iter().peekable();
@@ -570,7 +573,8 @@ impl<'a> Track<'a> {
             // The first point at or after the mark.
             while points.next_if(|point| seconds(point.t_us) < mark).is_some() {}
             let Some(point) = points.peek() else { return };
-            // The start has its ring, or else the label of the leg before; a dot below a label would spoil it.
+            // The start has its ring, or else the label of the leg before; a dot below a label
+            // would spoil it.
             if mark <= seconds(self.start.t_us) || taken.iter().any(|area| area.holds(point.place))
             {
                 continue;

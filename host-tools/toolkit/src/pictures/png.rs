@@ -146,7 +146,8 @@ fn polyline(points: &[Point], closed: bool) -> Option<Path> {
     builder.finish()
 }
 
-/// A rectangle with round corners, as SVG has it: no radius is more than half a side. `None` where a number is not finite.
+/// A rectangle with round corners, as SVG has it: no radius is more than half a side. `None` where
+/// a number is not finite.
 fn rounded([left, top]: Point, [width, height]: [f32; 2], radius: f32) -> Option<Path> {
     /// Length of the control arm of a cubic curve that is a quarter of a circle, in radii.
     const QUARTER: f32 = 0.552_284_8;

@@ -15,7 +15,8 @@ pub struct StatesRecorder {
 
 #[derive(Clone, Default)]
 struct RegionRecord {
-    /// The state that was current after the last macro step, and since when. `None` where the region was not active.
+    /// The state that was current after the last macro step, and since when. `None` where the
+    /// region was not active.
     open: Option<(usize, u64)>,
     spans: Vec<StateSpan>,
 }
@@ -31,7 +32,8 @@ impl StatesRecorder {
         }
     }
 
-    /// A macro step that started at `t_us`, counted from the mission's first, has ended in that state.
+    /// A macro step that started at `t_us`, counted from the mission's first, has ended in that
+    /// state.
     ///
     /// Costs time in proportion to the machine's region instances.
     pub fn step(&mut self, t_us: u64, snapshot: &impl Snapshot) {

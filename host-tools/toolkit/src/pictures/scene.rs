@@ -1,7 +1,7 @@
 //! What a picture shows: shapes and words at places, in the order in which they are painted.
 //!
-//! Lengths are in units of a hundredth of an inch or so: a pixel where the picture is shown at its own size. x grows to the right,
-//! y downwards.
+//! Lengths are in units of a hundredth of an inch or so: a pixel where the picture is shown at its
+//! own size. x grows to the right, y downwards.
 
 use super::font::Weight;
 
@@ -273,7 +273,8 @@ pub(super) enum Leg {
     Curve(Point, Point),
 }
 
-/// The path of a [`Shape::Track`]: where it begins, and how it goes on. `None` for fewer than two points.
+/// The path of a [`Shape::Track`]: where it begins, and how it goes on. `None` for fewer than two
+/// points.
 pub(super) fn legs(points: &[Point], radius: f32) -> Option<(Point, Vec<Leg>)> {
     let (first, rest) = points.split_first()?;
     let last = rest.last()?;

@@ -163,7 +163,8 @@ fn write_text(svg: &mut String, text: &Text) -> std::fmt::Result {
         Anchor::End => write!(svg, " text-anchor=\"end\"")?,
     }
     write_fill(svg, Some(*colour))?;
-    // The layout rests on the embedded font's widths; a reader with another font squeezes or spreads its letters to them.
+    // The layout rests on the embedded font's widths; a reader with another font squeezes or
+    // spreads its letters to them.
     let length = font::width(words, *size, *weight);
     write!(
         svg,

@@ -35,7 +35,8 @@ pub struct MissionStates {
 pub struct RegionStates {
     /// Path of the region: `motion`, or `motion/Escape/turn`.
     pub path: String,
-    /// What was current, in the order of time, without overlaps. A region inside a superstate that is not current has gaps.
+    /// What was current, in the order of time, without overlaps. A region inside a superstate that
+    /// is not current has gaps.
     pub spans: Vec<StateSpan>,
 }
 
@@ -271,8 +272,8 @@ impl Layout {
         self.key(&states, shift, base, scene);
     }
 
-    /// The blocks of a region's bar. What is too narrow to be told apart becomes a common block, so that a picture of a long run
-    /// stays of bounded size.
+    /// The blocks of a region's bar. What is too narrow to be told apart becomes a common block, so
+    /// that a picture of a long run stays of bounded size.
     fn blocks<'a>(&self, region: &'a RegionStates) -> Vec<Block<'a>> {
         let mut blocks: Vec<Block<'a>> = Vec::new();
         for span in &region.spans {
@@ -304,7 +305,8 @@ impl Layout {
         for (index, (state, colour)) in colours(states, shift).enumerate() {
             let width = key_entry_width(state);
             let left_out = states.len() - index;
-            // Room for the entry itself, and for the number of those left out should the next one not fit.
+            // Room for the entry itself, and for the number of those left out should the next one
+            // not fit.
             let reserve = if left_out > 1 {
                 key_entry_width("+99")
             } else {
@@ -353,7 +355,8 @@ impl Layout {
 
     fn marks(&self, marks: &[Mark], scene: &mut Scene) {
         let bottom = self.height - BOTTOM + 6.0;
-        // Two lines of labels above the plot; a label that finds room in neither is left to the tooltip.
+        // Two lines of labels above the plot; a label that finds room in neither is left to the
+        // tooltip.
         let mut free_from = [0.0_f32; 2];
         for mark in marks {
             let x = self.x(mark.t_us);

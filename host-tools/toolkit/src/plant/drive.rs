@@ -5,13 +5,15 @@ use crate::world::{Point, Segment};
 use super::noise::{Noise, Source};
 use super::parameters::{BodyParameters, MotorParameters, SLIP_WINDOW_MS};
 
-/// Length of one integration step, in microseconds. Steps begin at its multiples, so cutting a run into calls changes nothing.
+/// Length of one integration step, in microseconds. Steps begin at its multiples, so cutting a run
+/// into calls changes nothing.
 pub(super) const STEP_US: u64 = 1_000;
 
 /// The same in seconds.
 const STEP_S: f64 = STEP_US as f64 / 1e6;
 
-/// A touch ends when the body is this far from all walls, in metres; less would count one scrape many times.
+/// A touch ends when the body is this far from all walls, in metres; less would count one scrape
+/// many times.
 const CONTACT_END_M: f64 = 0.005;
 
 /// Where the body is and which way it looks.
@@ -37,7 +39,8 @@ pub(super) struct Wheel {
 }
 
 impl Wheel {
-    /// Turns the wheel for one step and returns the current that the motor takes from the battery, in amperes.
+    /// Turns the wheel for one step and returns the current that the motor takes from the battery,
+    /// in amperes.
     fn turn(
         &mut self,
         motor: &MotorParameters,
@@ -78,7 +81,8 @@ pub(super) struct Drive {
     pub battery_v: f64,
     /// Part of the way to its goal that a motor's speed goes in one step.
     approach: f64,
-    /// No wall is nearer to the centre than this, in metres. Saves looking at all walls in most steps.
+    /// No wall is nearer to the centre than this, in metres. Saves looking at all walls in most
+    /// steps.
     clearance_m: f64,
     pub in_contact: bool,
     pub collisions: u32,
@@ -170,8 +174,8 @@ impl Drive {
         }
     }
 
-    /// Whether the body fits at `goal`, which is `way_m` away. One step is far shorter than the body's radius, so no wall
-    /// fits in between.
+    /// Whether the body fits at `goal`, which is `way_m` away. One step is far shorter than the
+    /// body's radius, so no wall fits in between.
     fn is_free(&mut self, goal: Point, way_m: f64) -> bool {
         let radius_m = self.body.radius_m;
         let clearance_m = self.clearance_m - way_m;

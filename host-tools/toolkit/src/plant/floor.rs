@@ -31,7 +31,8 @@ impl FloorParameters {
         })
     }
 
-    /// The part of a sensor's spot that lies on the nearest line, 0 to 1: it grows evenly while the line's edge goes across the spot.
+    /// The part of a sensor's spot that lies on the nearest line, 0 to 1: it grows evenly while the
+    /// line's edge goes across the spot.
     fn darkness(&self, spot: Point, lines: &[LinePiece]) -> f64 {
         let part = |line: &LinePiece| {
             let distance_m = libm::sqrt(line.middle.squared_distance_m2(spot));

@@ -1,11 +1,12 @@
 //! The plant: a simulated robot's body in a [`World`], seen through its pins.
 //!
-//! Differential drive with lagging, unequal motors and slipping wheels, encoders, a ring of sonars, a sagging battery, walls that stop the body,
-//! sensors that tell a dark line from a light floor.
+//! Differential drive with lagging, unequal motors and slipping wheels, encoders, a ring of sonars,
+//! a sagging battery, walls that stop the body, sensors that tell a dark line from a light floor.
 //! Emulated board and host board drive this same model, by the messages of `rt_firmware::body`.
 //!
-//! **Deterministic to the bit.** Time is an integer; integration steps begin at fixed instants whatever the calls; all functions come from
-//! `libm`; noise is a function of seed, source and index. What actuators a plant gets when, and its seed, decide all that it ever answers.
+//! **Deterministic to the bit.** Time is an integer; integration steps begin at fixed instants
+//! whatever the calls; all functions come from `libm`; noise is a function of seed, source and
+//! index. What actuators a plant gets when, and its seed, decide all that it ever answers.
 //!
 //! Its ADC inputs, of which 1 to 3 are for a user's own drivers:
 //!
@@ -41,7 +42,8 @@ use crate::world::World;
 use drive::{Drive, STEP_US};
 use sonar::SonarRing;
 
-/// The farthest that one call may advance a plant, in microseconds. A request for more (only a broken board sends one) advances by this.
+/// The farthest that one call may advance a plant, in microseconds. A request for more (only a
+/// broken board sends one) advances by this.
 pub const ADVANCE_LIMIT_US: u64 = 60_000_000;
 
 /// Battery current at the ADC's full scale, in amperes.
@@ -91,7 +93,8 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// A plant at time 0, standing at the world's start. Runs with equal `seed` and actuators are equal.
+    /// A plant at time 0, standing at the world's start. Runs with equal `seed` and actuators are
+    /// equal.
     pub fn new(world: World, body: BodyParameters, seed: u64) -> Result<Self, PlantError> {
         let pose = BodyPose {
             position: world.start.position,
@@ -120,8 +123,9 @@ impl Plant {
         })
     }
 
-    /// Lets time pass until `time_us`, in microseconds of plant time; a time that has passed changes nothing. Bodies move in whole
-    /// milliseconds: in between they are where they were at the last one.
+    /// Lets time pass until `time_us`, in microseconds of plant time; a time that has passed
+    /// changes nothing. Bodies move in whole milliseconds: in between they are where they were at
+    /// the last one.
     pub fn advance_to(&mut self, time_us: u64) {
         let time_us = time_us.min(self.now_us.saturating_add(ADVANCE_LIMIT_US));
         if time_us <= self.now_us {
@@ -153,7 +157,8 @@ impl Plant {
         );
     }
 
-    /// Breaks a sonar, counted counter-clockwise from the one that looks ahead, from its next ping on.
+    /// Breaks a sonar, counted counter-clockwise from the one that looks ahead, from its next ping
+    /// on.
     pub fn break_sonar(&mut self, sonar: usize, fault: SonarFault) {
         self.sonars.break_sonar(sonar, fault);
     }
@@ -171,7 +176,8 @@ impl Plant {
         }
     }
 
-    /// One exchange with a board: the actuators take effect at `effect_us`, the reply holds the sensors at `start_us`.
+    /// One exchange with a board: the actuators take effect at `effect_us`, the reply holds the
+    /// sensors at `start_us`.
     pub fn exchange(&mut self, request: &Request) -> Reply {
         self.advance_to(request.effect_us);
         self.apply(&request.actuators);
@@ -248,7 +254,8 @@ impl Plant {
         self.drive.collisions
     }
 
-    /// Speed of the body's centre at the hardest of its collisions, in metres per second; 0 without one.
+    /// Speed of the body's centre at the hardest of its collisions, in metres per second; 0 without
+    /// one.
     pub fn hardest_collision_m_per_s(&self) -> f64 {
         self.drive.hardest_collision_m_per_s
     }

@@ -1,9 +1,11 @@
 //! Random numbers that depend on nothing but their key.
 //!
-//! A generator with a state gives other numbers when somebody draws one more or in another order. Here a number is a
-//! function of (seed, source, index): ping 17 of sonar 3 has the same noise however the run is cut into calls.
+//! A generator with a state gives other numbers when somebody draws one more or in another order.
+//! Here a number is a function of (seed, source, index): ping 17 of sonar 3 has the same noise
+//! however the run is cut into calls.
 //!
-//! The function is the output mix of SplitMix64 (Steele, Lea, Flood 2014), applied once a part of the key.
+//! The function is the output mix of SplitMix64 (Steele, Lea, Flood 2014), applied once a part of
+//! the key.
 
 /// Who draws a number. Each source has its own sequence.
 #[derive(Clone, Copy, Debug)]
@@ -61,9 +63,11 @@ impl Noise {
         unit(mix(mix(mix(self.seed) ^ source.key()) ^ index))
     }
 
-    /// Number `index` of `source`, spread like a bell: mean 0, standard deviation 1, never beyond ±6.
+    /// Number `index` of `source`, spread like a bell: mean 0, standard deviation 1, never beyond
+    /// ±6.
     ///
-    /// The sum of twelve even numbers: near enough to a normal distribution for a sensor, and free of logarithms.
+    /// The sum of twelve even numbers: near enough to a normal distribution for a sensor, and free
+    /// of logarithms.
     pub fn bell(&self, source: Source, index: u64) -> f64 {
         let key = mix(mix(mix(self.seed) ^ source.key()) ^ index);
         let sum: f64 = (0..12).map(|part| unit(mix(key.wrapping_add(part)))).sum();

@@ -1,7 +1,8 @@
 //! The numbers that make a body: geometry, motors, battery, sonars, line sensors.
 //!
-//! They are those of the real thing, so to speak: the firmware has its own, calibrated ones (`rt_firmware::rover`), and the two are
-//! equal only as far as a person with a ruler gets them equal.
+//! They are those of the real thing, so to speak: the firmware has its own, calibrated ones
+//! (`rt_firmware::rover`), and the two are equal only as far as a person with a ruler gets them
+//! equal.
 
 /// A robot's body.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,7 +47,8 @@ pub struct MotorParameters {
 pub struct GripParameters {
     /// Acceleration beyond which a wheel spins or slides, in m/s².
     pub acceleration_m_per_s2: f64,
-    /// Greatest part of a wheel's way that is lost on the floor's unevenness; a new part is drawn for each [`SLIP_WINDOW_MS`].
+    /// Greatest part of a wheel's way that is lost on the floor's unevenness; a new part is drawn
+    /// for each [`SLIP_WINDOW_MS`].
     pub slip: f64,
 }
 
@@ -93,8 +95,9 @@ pub struct SonarParameters {
     pub miss_probability: f64,
 }
 
-/// A row of sensors under the body's front: an infrared LED and a phototransistor each, with a resistor to the supply, so that less light reads as more
-/// counts. The numbers are estimates for parts a few millimetres above the floor and electrical tape on a light floor.
+/// A row of sensors under the body's front: an infrared LED and a phototransistor each, with a
+/// resistor to the supply, so that less light reads as more counts. The numbers are estimates for
+/// parts a few millimetres above the floor and electrical tape on a light floor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FloorParameters {
     /// Distance of the row ahead of the body's centre, in metres.

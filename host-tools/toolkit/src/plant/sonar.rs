@@ -15,11 +15,12 @@ use super::parameters::SonarParameters;
 /// Speed of sound at 20 °C.
 const SOUND_M_PER_S: f64 = 343.2;
 
-/// Time from a trigger to the rising edge of the echo pin, in microseconds: eight periods of the burst of 40 kHz, and as much again
-/// to get ready.
+/// Time from a trigger to the rising edge of the echo pin, in microseconds: eight periods of the
+/// burst of 40 kHz, and as much again to get ready.
 const BURST_US: u64 = 400;
 
-/// How long the echo pin stays high where nothing is heard, in microseconds: what the data sheet of the HC-SR04 says.
+/// How long the echo pin stays high where nothing is heard, in microseconds: what the data sheet of
+/// the HC-SR04 says.
 pub const PATIENCE_US: u64 = 38_000;
 
 /// The longest echo that a sonar hears, in microseconds: from a little more than 4 m.
@@ -105,7 +106,8 @@ impl SonarRing {
         }
     }
 
-    /// Sends a ping from each sonar whose bit is set in `triggers`. A sonar whose pulse is not over ignores it.
+    /// Sends a ping from each sonar whose bit is set in `triggers`. A sonar whose pulse is not over
+    /// ignores it.
     pub fn trigger(
         &mut self,
         triggers: u8,
@@ -136,7 +138,8 @@ impl SonarRing {
         }
     }
 
-    /// What the timers at the echo pins show at `now_us`: how long each has been high since its last trigger, in microseconds, and a bit for each that is.
+    /// What the timers at the echo pins show at `now_us`: how long each has been high since its
+    /// last trigger, in microseconds, and a bit for each that is.
     pub fn echoes(&self, now_us: u64) -> ([u16; SONARS], u8) {
         let pulses = self.sonars.map(|sonar| sonar.pulse);
         // A pulse is never as long as 16 bits can hold.

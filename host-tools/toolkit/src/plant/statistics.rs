@@ -30,8 +30,8 @@ impl Statistics {
         &self.path
     }
 
-    /// The rooms that the robot has come into, each once, in the order of the first time. The room in which it started is
-    /// among them only after it has left and come back.
+    /// The rooms that the robot has come into, each once, in the order of the first time. The room
+    /// in which it started is among them only after it has left and come back.
     pub fn rooms_entered(&self) -> &[String] {
         &self.rooms_entered
     }

@@ -359,7 +359,8 @@ fn a_request_far_in_the_future_advances_by_the_limit() {
     assert_eq!(plant.now_us(), ADVANCE_LIMIT_US);
 }
 
-/// What a minute of driving in circles through a yard looks like, down to the last bit. It changes only if the model does.
+/// What a minute of driving in circles through a yard looks like, down to the last bit. It changes
+/// only if the model does.
 #[test]
 fn a_minute_is_equal_to_the_bit_on_every_machine() {
     const GOLDEN: u64 = 0x452E_38DE_305F_D6F7;
@@ -393,7 +394,8 @@ fn a_minute_is_equal_to_the_bit_on_every_machine() {
 
 #[test]
 fn line_sensors_read_how_much_of_their_spot_lies_on_a_line() {
-    // The row of sensors is 0.09 m ahead of the centre; the line runs along the heading, `line_y_m` to the left of it, or across it at the row.
+    // The row of sensors is 0.09 m ahead of the centre; the line runs along the heading, `line_y_m`
+    // to the left of it, or across it at the row.
     let counts = |line: &str| {
         let world = format!("world cell\nstart 2,2 0\nwall 0,0 4,0 4,4 0,4 0,0\n{line}");
         let readings = plant(World::parse(&world).unwrap()).sensors().adc_counts;
@@ -410,7 +412,8 @@ fn line_sensors_read_how_much_of_their_spot_lies_on_a_line() {
     ] {
         let seen = counts(line);
         for (seen, expected) in seen.into_iter().zip(expected) {
-            // The noise of a conversion, and a little for the two spots beside a line that is as good as centred.
+            // The noise of a conversion, and a little for the two spots beside a line that is as
+            // good as centred.
             assert!(
                 (i32::from(seen) - expected).abs() < 90,
                 "{line}: {seen} for {expected}"

@@ -1,10 +1,14 @@
 //! What entered an interpreter, without what made no difference.
 //!
-//! A robot sends each flag that a task changed, and says at short intervals that nothing did, so that whoever listens knows that it is there. Much of that no transition waits for. Here
-//! the machine runs again as it comes, and beside it one that is given only what is kept. As long as both take the same transitions, and have the same tasks enabled, what differs
-//! is left out; as soon as they would not, all that differs enters before that macro step. So a replay of what is kept is the run, macro step by macro step, as was seen when it was written.
+//! A robot sends each flag that a task changed, and says at short intervals that nothing did, so
+//! that whoever listens knows that it is there. Much of that no transition waits for. Here the
+//! machine runs again as it comes, and beside it one that is given only what is kept. As long as
+//! both take the same transitions, and have the same tasks enabled, what differs is left out; as
+//! soon as they would not, all that differs enters before that macro step. So a replay of what is
+//! kept is the run, macro step by macro step, as was seen when it was written.
 //!
-//! Where a transition is taken, the flags in its guard are brought in before, whether the transition needs all of them or not: whoever looks at it sees what it was.
+//! Where a transition is taken, the flags in its guard are brought in before, whether the
+//! transition needs all of them or not: whoever looks at it sees what it was.
 
 use esm_core::{
     Fault, Interpreter, MAX_STEPS, Observer, Progress, StepSummary, TransitionTaken, Verified,
@@ -16,13 +20,15 @@ use esm_link::trace::RecordSink;
 
 use crate::inspect::guards::GuardReader;
 
-/// Macro steps without anything that entered after which a record says so, at most: so many may be missing from a recording that was broken off, and nothing happened in them.
+/// Macro steps without anything that entered after which a record says so, at most: so many may be
+/// missing from a recording that was broken off, and nothing happened in them.
 pub const MAX_KEPT_QUIET: u32 = 1024;
 
 /// A mission whose records can be made fewer.
 pub(super) struct Runnable {
     verified: Verified<Vec<u8>>,
-    /// The flags that the guard of each transition reads, counted from the first of the container instance; none for a busy flag of a superstate.
+    /// The flags that the guard of each transition reads, counted from the first of the container
+    /// instance; none for a busy flag of a superstate.
     reads: Vec<Vec<Option<usize>>>,
 }
 
@@ -80,7 +86,8 @@ enum Known {
     Machines(Machines),
 }
 
-/// Two machines of one mission between two macro steps: what the robot's is, and what a replay's will be.
+/// Two machines of one mission between two macro steps: what the robot's is, and what a replay's
+/// will be.
 struct Machines {
     mission: u32,
     start_us: u64,
@@ -307,7 +314,8 @@ impl Shown {
 }
 
 impl Run<'_, '_, '_> {
-    /// Takes a record of this run of a mission, known by hash and start. False of one with which another begins: then those macro steps were made that it tells of before that.
+    /// Takes a record of this run of a mission, known by hash and start. False of one with which
+    /// another begins: then those macro steps were made that it tells of before that.
     fn take(&mut self, record: &Recorded<'_>, of: (u32, u64)) -> Result<bool, Lost> {
         match *record {
             Recorded::Started { quiet, .. } => {
@@ -360,7 +368,8 @@ impl Run<'_, '_, '_> {
         Ok(true)
     }
 
-    /// Compares with all that the robot's machine is before the next macro step, what entered since the one before included; keeps that, for the replay to compare with, too.
+    /// Compares with all that the robot's machine is before the next macro step, what entered since
+    /// the one before included; keeps that, for the replay to compare with, too.
     fn check(&mut self, progress: &Progress, words: &[u32], of: (u32, u64)) -> Result<(), Lost> {
         let replay = self.replay.as_mut().ok_or(Lost)?;
         for machine in [&mut self.robot, replay] {
@@ -379,7 +388,8 @@ impl Run<'_, '_, '_> {
         (0..count).try_for_each(|_| self.step())
     }
 
-    /// Makes a macro step of both machines. What the replay's lacks enters before it as far as it must.
+    /// Makes a macro step of both machines. What the replay's lacks enters before it as far as it
+    /// must.
     fn step(&mut self) -> Result<(), Lost> {
         let mut replay = self.replay.take().ok_or(Lost)?;
         let lacks: Vec<usize> = replay.inputs_unlike(self.robot.state_words()).collect();
@@ -429,7 +439,8 @@ impl Run<'_, '_, '_> {
         *self.quiet = 0;
     }
 
-    /// The flags in the guards of transitions that were taken; none where one asks for busy tasks, which may be any.
+    /// The flags in the guards of transitions that were taken; none where one asks for busy tasks,
+    /// which may be any.
     fn read_by(&self, taken: &[TransitionTaken]) -> Option<Vec<usize>> {
         let tables = self.runnable.verified.tables();
         let mut read = Vec::new();

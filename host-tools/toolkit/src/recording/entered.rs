@@ -1,8 +1,10 @@
-//! What enters a simulated run from outside of virtual time, so that the host board can have the same run again.
+//! What enters a simulated run from outside of virtual time, so that the host board can have the
+//! same run again.
 //!
-//! Two things do: when a task in slot 0 ended (it runs in the time that is left, and how much that is depends on the processor), and
-//! when a mission took over from another (its bytes came over a line that has a time of its own). Everything else follows from the
-//! missions, the world and the seed.
+//! Two things do: when a task in slot 0 ended (it runs in the time that is left, and how much that
+//! is depends on the processor), and when a mission took over from another (its bytes came over a
+//! line that has a time of its own). Everything else follows from the missions, the world and the
+//! seed.
 
 use crate::recording::file::RunEnd;
 

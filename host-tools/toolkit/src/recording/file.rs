@@ -1,6 +1,7 @@
 //! The file of a recording, byte by byte.
 //!
-//! Eight bytes begin it: `ESMREC`, and the [`VERSION`] as two bytes, the low one first. Then frames, one behind the other:
+//! Eight bytes begin it: `ESMREC`, and the [`VERSION`] as two bytes, the low one first. Then
+//! frames, one behind the other:
 //!
 //! | bytes | is |
 //! |---|---|
@@ -9,7 +10,8 @@
 //! | … | content |
 //! | 4 | CRC-32 of all before it in the frame, the lowest byte first |
 //!
-//! A number in a content is a LEB128 varint, a text its length as a number and its UTF-8 bytes. Contents by kind:
+//! A number in a content is a LEB128 varint, a text its length as a number and its UTF-8 bytes.
+//! Contents by kind:
 //!
 //! | kind | is | content |
 //! |---|---|---|
@@ -27,13 +29,15 @@ use std::io::{self, Write};
 use esm_link::frame::checksum;
 use thiserror::Error;
 
-/// The form of files that this program writes. It reads those before it, too: in form 1 records are as the robot sent them.
+/// The form of files that this program writes. It reads those before it, too: in form 1 records are
+/// as the robot sent them.
 pub const VERSION: u16 = 2;
 
 /// The first bytes of every recording.
 pub const MARK: &[u8; 6] = b"ESMREC";
 
-/// Bytes of a recording that is read at most: all of it is in memory while it is run again, and takes some forty times as much there. Three weeks of a robot on patrol take so many.
+/// Bytes of a recording that is read at most: all of it is in memory while it is run again, and
+/// takes some forty times as much there. Three weeks of a robot on patrol take so many.
 pub const MAX_FILE_BYTES: u64 = 16 << 20;
 
 /// What recordings began with that an earlier program wrote as lines of JSON.
@@ -110,7 +114,8 @@ pub enum FileEnd {
         /// The byte.
         at: usize,
     },
-    /// With a frame that begins at this byte and was changed since it was written; what comes behind it is not read.
+    /// With a frame that begins at this byte and was changed since it was written; what comes
+    /// behind it is not read.
     Damaged {
         /// The byte.
         at: usize,
@@ -344,7 +349,8 @@ enum Spoiled {
     Damaged,
 }
 
-/// What became of a frame that ends behind the file: it was broken off, or a bit of its length was changed.
+/// What became of a frame that ends behind the file: it was broken off, or a bit of its length was
+/// changed.
 fn cut_or_damaged(frame: &[u8]) -> Spoiled {
     let Some(([kind, length @ ..], _)) = frame.split_first_chunk::<KIND_AND_LENGTH_BYTES>() else {
         return Spoiled::Cut;

@@ -33,7 +33,8 @@ impl Default for Limits {
             begun_words: 1 << 28,
             // 256 MiB.
             kept_words: 1 << 26,
-            // Two missions with as many slots as there can be; 500 with the slots of the largest robot.
+            // Two missions with as many slots as there can be; 500 with the slots of the largest
+            // robot.
             slot_pairs: u64::from(MAX_SLOTS).pow(2),
             path_bytes: 4 * directory::MAX_PATH_BYTES as u64,
         }
@@ -204,7 +205,8 @@ mod tests {
             let mission = &recording.missions[0];
             let words = mission.verified.arena_words() as u64;
             assert!(Walk::new(&recording, false).1.is_none());
-            // State and flags of each, of which both are a part of the arena, and what comes with them.
+            // State and flags of each, of which both are a part of the arena, and what comes with
+            // them.
             5 * (2 * words + 50)
         };
         let enough = planted.recording_within(of(words_of_five)).unwrap();

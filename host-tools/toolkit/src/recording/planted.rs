@@ -77,7 +77,8 @@ impl Planted {
         self.with(&Frame::Gap(1))
     }
 
-    /// These macro steps of a machine that started then. A report is what a scenario has behind its time: `set`, `clear` or `exit`, and a name.
+    /// These macro steps of a machine that started then. A report is what a scenario has behind its
+    /// time: `set`, `clear` or `exit`, and a name.
     pub fn run(
         self,
         (name, machine): (&str, &str),
@@ -125,7 +126,8 @@ impl Planted {
             .with(&Frame::Records(sink.0))
     }
 
-    /// So many macro steps of a machine to which nothing happens, in as few bytes as a file may have for them.
+    /// So many macro steps of a machine to which nothing happens, in as few bytes as a file may
+    /// have for them.
     pub fn quiet(self, (name, machine): (&str, &str), steps: u64) -> Self {
         let (_, blob) = directory_and_blob(machine);
         let hash = esm_core::verify(blob.as_slice()).unwrap().hash();

@@ -79,7 +79,8 @@ pub enum RecordingError {
 }
 
 impl Recording {
-    /// Reads a recording. Takes time and memory in proportion to the file; what its missions take beyond that is limited.
+    /// Reads a recording. Takes time and memory in proportion to the file; what its missions take
+    /// beyond that is limited.
     ///
     /// # Errors
     /// [`RecordingError`]
@@ -214,7 +215,8 @@ impl Recording {
         }
     }
 
-    /// What the host board needs to have a simulated run again; `None` if the recording is of a real robot, or of a part of a run.
+    /// What the host board needs to have a simulated run again; `None` if the recording is of a
+    /// real robot, or of a part of a run.
     pub fn entered(&self) -> Option<Entered> {
         let whole = self
             .stretches
@@ -369,7 +371,8 @@ pub struct Entries {
 }
 
 impl<'s, 'm> Player<'s, 'm> {
-    /// A machine before the first macro step of a stretch. `arena` has as many words as the mission needs.
+    /// A machine before the first macro step of a stretch. `arena` has as many words as the mission
+    /// needs.
     ///
     /// # Errors
     /// [`ReplayError::BadState`]
@@ -395,7 +398,8 @@ impl<'s, 'm> Player<'s, 'm> {
         })
     }
 
-    /// A machine where another player was in the same stretch. `arena` has as many words as the mission needs.
+    /// A machine where another player was in the same stretch. `arena` has as many words as the
+    /// mission needs.
     ///
     /// # Errors
     /// [`ReplayError::BadState`], of a position in another stretch.
@@ -489,7 +493,8 @@ impl<'s, 'm> Player<'s, 'm> {
     }
 }
 
-/// Runs a recording again; the trace goes to `out`, where one is wanted. Where something is missing it ends, or goes on with what is known again.
+/// Runs a recording again; the trace goes to `out`, where one is wanted. Where something is missing
+/// it ends, or goes on with what is known again.
 ///
 /// # Errors
 /// [`ReplayError`], with what was done until then.

@@ -1,6 +1,7 @@
 //! A macro step, told again micro step by micro step.
 //!
-//! The interpreter tells which transitions it took, in order. What flags were when a guard was evaluated follows from what they were before the macro step and from what the transitions before
+//! The interpreter tells which transitions it took, in order. What flags were when a guard was
+//! evaluated follows from what they were before the macro step and from what the transitions before
 //! it in the same macro step did.
 
 use std::ops::Deref;
@@ -22,7 +23,8 @@ pub(super) struct MadeStep {
     flags: Vec<u32>,
     /// Current states of the region instances.
     current: Vec<usize>,
-    /// In which macro step each of them was entered, where it has a timeout: the low bits of its number.
+    /// In which macro step each of them was entered, where it has a timeout: the low bits of its
+    /// number.
     entered: Vec<u32>,
     /// Whether it looks at timers.
     looks_at_timers: bool,
@@ -108,7 +110,8 @@ pub struct Taken {
     pub set: Vec<String>,
     /// Paths of the flags that it cleared.
     pub cleared: Vec<String>,
-    /// The transitions of the same state on the same event that come before it, whose guards were false.
+    /// The transitions of the same state on the same event that come before it, whose guards were
+    /// false.
     pub passed: Vec<Passed>,
 }
 
@@ -132,7 +135,8 @@ pub(super) struct Queued {
     pub by: Option<(usize, usize)>,
 }
 
-/// The region instances that a transition made begin, each with its state: its own first, then those inside its target.
+/// The region instances that a transition made begin, each with its state: its own first, then
+/// those inside its target.
 pub(super) fn begun(tables: &Tables<'_>, taken: &TransitionTaken) -> Vec<(usize, usize)> {
     let region = usize::from(taken.region_instance);
     let Some(transition) = tables.transition(taken.transition.into()) else {
@@ -153,7 +157,8 @@ pub(super) fn begun(tables: &Tables<'_>, taken: &TransitionTaken) -> Vec<(usize,
     begun
 }
 
-/// A machine's flags and current states within a macro step, as they follow from the transitions that the interpreter took.
+/// A machine's flags and current states within a macro step, as they follow from the transitions
+/// that the interpreter took.
 #[derive(Clone)]
 pub(super) struct Retold<'m> {
     pub tables: Tables<'m>,
@@ -288,7 +293,8 @@ impl<'m> Retold<'m> {
         active.map(|id| id.region).collect()
     }
 
-    /// The timer of the current state of an active region instance: its flag, how long the state has been current, and its limit.
+    /// The timer of the current state of an active region instance: its flag, how long the state
+    /// has been current, and its limit.
     pub(super) fn timer(&self, region: usize) -> Option<(usize, u64, u64)> {
         let current = self.current(region);
         let state = self.tables.state(current)?;
@@ -355,7 +361,8 @@ impl<'m> Retold<'m> {
         word.is_some_and(|word| word >> (flag % 32) & 1 != 0)
     }
 
-    /// A flag that a guard in a region instance reads, counted from the first of its container instance; or the busy flag of its superstate.
+    /// A flag that a guard in a region instance reads, counted from the first of its container
+    /// instance; or the busy flag of its superstate.
     fn is_set(&self, region: usize, bit: Option<usize>) -> bool {
         let Some(here) = self.tables.region_instance(region) else {
             return false;

@@ -48,12 +48,14 @@ pub enum Change {
     Bits(Vec<u32>),
     /// So many macro steps were left out.
     Skipped(u32),
-    /// Bits that this differs in: it is what the robot's machine was before the macro step, to be compared with.
+    /// Bits that this differs in: it is what the robot's machine was before the macro step, to be
+    /// compared with.
     Check(Progress, Vec<u32>),
 }
 
 impl Stretch {
-    /// Number of the mission's macro step that the first one made here is, and the number of the next one behind it if no more are skipped.
+    /// Number of the mission's macro step that the first one made here is, and the number of the
+    /// next one behind it if no more are skipped.
     fn first_step(&self) -> u64 {
         match &self.beginning {
             Beginning::Anew => 0,
@@ -62,10 +64,12 @@ impl Stretch {
     }
 }
 
-/// No mission starts later than this, in microseconds since the first macro step of the first mission.
+/// No mission starts later than this, in microseconds since the first macro step of the first
+/// mission.
 const MAX_START_US: u64 = 1 << 62;
 
-/// When a macro step is, in microseconds since the first macro step of the first mission: of a mission that started then, whose interpreter has this period.
+/// When a macro step is, in microseconds since the first macro step of the first mission: of a
+/// mission that started then, whose interpreter has this period.
 pub(super) fn time_of(start_us: u64, step: u64, period_us: u64) -> u64 {
     // Numbers that no robot comes to may be in a file.
     start_us.saturating_add(step.saturating_mul(period_us))
@@ -194,7 +198,8 @@ impl Stretches {
         }
     }
 
-    /// A state in the middle of a stretch is one that its reader asked for, and tells how many macro steps without a change came before it.
+    /// A state in the middle of a stretch is one that its reader asked for, and tells how many
+    /// macro steps without a change came before it.
     fn state(&mut self, mission: u32, start_us: u64, progress: Progress, words: Vec<u32>) {
         let since = match &self.open {
             Some((stretch, next))
@@ -210,7 +215,8 @@ impl Stretches {
                 self.enter(Change::Check(progress, words));
             }
             _ => {
-                // That of another mission before its first macro step is what a warm one has taken over, of which nothing is missing.
+                // That of another mission before its first macro step is what a warm one has taken
+                // over, of which nothing is missing.
                 self.gap |= self.open.as_ref().is_some_and(|(stretch, _)| {
                     (stretch.mission, stretch.start_us) == (mission, start_us)
                         || progress.steps != 0

@@ -1,4 +1,5 @@
-//! What a machine was behind a micro step, in words: regions with their current states, flags, timers, and the events of the macro step.
+//! What a machine was behind a micro step, in words: regions with their current states, flags,
+//! timers, and the events of the macro step.
 
 use esm_core::format;
 use esm_core::tables::Tables;
@@ -11,7 +12,8 @@ use crate::trace::directory::{Directory, StateId, StateKind};
 pub struct Surroundings {
     /// The active regions, depth first.
     pub regions: Vec<RegionThen>,
-    /// The flags of the states that were current, and those of other states that are new, in the order of the regions.
+    /// The flags of the states that were current, and those of other states that are new, in the
+    /// order of the regions.
     pub flags: Vec<FlagThen>,
     /// The timers that ran, in the order of the regions.
     pub timers: Vec<TimerThen>,
@@ -71,7 +73,8 @@ pub struct EventThen {
     pub name: String,
     /// Path of the state that was left by the transition that sent it; none for the pulse.
     pub sent_by: Option<String>,
-    /// Paths of the active regions that see it and have a transition on it; empty for the pulse, which all see.
+    /// Paths of the active regions that see it and have a transition on it; empty for the pulse,
+    /// which all see.
     pub heard_by: Vec<String>,
 }
 
@@ -121,7 +124,8 @@ pub(super) fn flags_of<'d>(
 }
 
 impl Surroundings {
-    /// What a machine is now; `begun` are the regions that were entered in this micro step, `was_set` tells flags behind the moment before.
+    /// What a machine is now; `begun` are the regions that were entered in this micro step,
+    /// `was_set` tells flags behind the moment before.
     pub(super) fn of(
         retold: &Retold<'_>,
         begun: &[usize],

@@ -1,7 +1,8 @@
 //! A recording, walked through micro step by micro step, forwards and backwards.
 //!
-//! A first pass over the recording keeps what the machine is every [`CHUNK_STEPS`] macro steps, and how many moments there were before. From there such a chunk is run again whenever the walk
-//! comes to it, so that any moment costs no more than a chunk, and memory holds the macro steps of one.
+//! A first pass over the recording keeps what the machine is every [`CHUNK_STEPS`] macro steps, and
+//! how many moments there were before. From there such a chunk is run again whenever the walk comes
+//! to it, so that any moment costs no more than a chunk, and memory holds the macro steps of one.
 //!
 //! What the machine was within a macro step is told by `Retold`.
 
@@ -28,12 +29,13 @@ pub const CHUNK_STEPS: u64 = 1024;
 /// Words that a place to begin at takes beside its machine, about.
 const CHUNK_HEAD_WORDS: u64 = 50;
 
-/// Words that the macro steps of such a chunk take in memory, about, where a machine is large: 128 MiB. Transitions in
-/// it, beyond which the next begins.
+/// Words that the macro steps of such a chunk take in memory, about, where a machine is large: 128
+/// MiB. Transitions in it, beyond which the next begins.
 const MAX_CHUNK_WORDS: u64 = 1 << 25;
 const MAX_CHUNK_TRANSITIONS: u64 = 1 << 20;
 
-/// A micro step in which a transition was taken; or a macro step in which none was, but a flag changed that was looked for.
+/// A micro step in which a transition was taken; or a macro step in which none was, but a flag
+/// changed that was looked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Moment {
     /// Number of the stretch of the recording.
@@ -137,7 +139,8 @@ pub struct Walk<'r> {
 }
 
 impl<'r> Walk<'r> {
-    /// A walk that stands before the first moment. Takes the time of a replay. Where the replay ends early the walk does, too; then the cause comes with it.
+    /// A walk that stands before the first moment. Takes the time of a replay. Where the replay
+    /// ends early the walk does, too; then the cause comes with it.
     pub fn new(recording: &'r Recording, over_gaps: bool) -> (Self, Option<ReplayError>) {
         let missions = recording.missions.iter();
         let mut walk = Walk {
@@ -237,7 +240,8 @@ impl<'r> Walk<'r> {
         (recording.missions.get(number)).zip(self.guards.get(number))
     }
 
-    /// Runs a chunk again; `made` is shown each macro step, with the flags behind the one before and behind it, and says whether it goes on.
+    /// Runs a chunk again; `made` is shown each macro step, with the flags behind the one before
+    /// and behind it, and says whether it goes on.
     fn run(&self, chunk: usize, mut made: impl FnMut(MadeStep, &[u32], &[u32]) -> bool) {
         let Some(chunk) = self.chunks.get(chunk) else {
             return;
@@ -294,7 +298,8 @@ impl<'r> Walk<'r> {
         self.moments
     }
 
-    /// Number of the moment that was told last, from 0; or, if that is none in which a transition was taken, or none was told, of the next one.
+    /// Number of the moment that was told last, from 0; or, if that is none in which a transition
+    /// was taken, or none was told, of the next one.
     pub fn number(&self) -> u64 {
         match &self.told {
             Some(told) if !told.moment.taken.is_empty() => self.next.saturating_sub(1),
@@ -330,7 +335,8 @@ impl<'r> Walk<'r> {
         behind.saturating_sub(1)
     }
 
-    /// The macro step that a moment is in, by its place in the loaded chunk, and the number of that one's first moment.
+    /// The macro step that a moment is in, by its place in the loaded chunk, and the number of that
+    /// one's first moment.
     fn place_of(&mut self, number: u64) -> Option<(usize, u64)> {
         if number >= self.moments {
             return None;
@@ -451,7 +457,8 @@ impl<'r> Walk<'r> {
         self.to_number(self.next)
     }
 
-    /// The moment before the one that was told last, behind which the walk stands then; none at the beginning.
+    /// The moment before the one that was told last, behind which the walk stands then; none at the
+    /// beginning.
     pub fn back(&mut self) -> Option<&Moment> {
         match self.number().checked_sub(1) {
             Some(before) => self.to_number(before),
@@ -500,8 +507,10 @@ impl<'r> Walk<'r> {
         )
     }
 
-    /// Number of the first moment at a time, in microseconds since the first macro step of the first mission, or behind it. Where the robot was reset its times began anew: it is looked for from
-    /// where the robot started before the place of the walk, and where nothing is found from there to the end, from the beginning.
+    /// Number of the first moment at a time, in microseconds since the first macro step of the
+    /// first mission, or behind it. Where the robot was reset its times began anew: it is looked
+    /// for from where the robot started before the place of the walk, and where nothing is found
+    /// from there to the end, from the beginning.
     pub fn at_time(&mut self, t_us: u64) -> Option<u64> {
         let here = self.chunks.get(self.chunk)?.resets;
         let mut stretches: Vec<Range<usize>> = Vec::new();
@@ -532,7 +541,8 @@ impl<'r> Walk<'r> {
         )
     }
 
-    /// Number of the first moment in some chunks that is there, where chunks that begin before it come first.
+    /// Number of the first moment in some chunks that is there, where chunks that begin before it
+    /// come first.
     fn at(
         &mut self,
         chunks: Range<usize>,
@@ -554,14 +564,16 @@ impl<'r> Walk<'r> {
         None
     }
 
-    /// Goes to the first moment in a macro step, or behind it, of the stretch that the walk is in; to the end, if there is none.
+    /// Goes to the first moment in a macro step, or behind it, of the stretch that the walk is in;
+    /// to the end, if there is none.
     pub fn to_step(&mut self, step: u64) -> Option<&Moment> {
         let stretch = self.chunks.get(self.chunk)?.stretch;
         let number = self.at_step(stretch, step);
         self.go_or_stand_at_the_end(number)
     }
 
-    /// Goes to the first moment at a time, in microseconds since the first macro step of the first mission, or behind it; to the end, if there is none.
+    /// Goes to the first moment at a time, in microseconds since the first macro step of the first
+    /// mission, or behind it; to the end, if there is none.
     pub fn to_time(&mut self, t_us: u64) -> Option<&Moment> {
         let number = self.at_time(t_us);
         self.go_or_stand_at_the_end(number)
@@ -653,7 +665,8 @@ impl Search {
 }
 
 impl<'r> Walk<'r> {
-    /// What is to be looked for: the path of a state, or the end of one, and for flags a dot and the name of one; without a state before the dot the flags of all states.
+    /// What is to be looked for: the path of a state, or the end of one, and for flags a dot and
+    /// the name of one; without a state before the dot the flags of all states.
     ///
     /// # Errors
     /// [`SoughtError`]

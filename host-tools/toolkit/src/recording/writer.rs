@@ -10,10 +10,12 @@ use super::file::{self, Frame, Head, RunEnd};
 
 /// Records are written to the file when they are this many bytes…
 const FRAME_BYTES: usize = 1024;
-/// … or of this many macro steps: so much is lost at most if the writing is broken off, and macro steps before which nothing entered.
+/// … or of this many macro steps: so much is lost at most if the writing is broken off, and macro
+/// steps before which nothing entered.
 const FRAME_STEPS: u64 = MAX_QUIET as u64;
 
-/// Writes a recording as it comes, without what made no difference. Equal records give equal bytes, in however many parts they come.
+/// Writes a recording as it comes, without what made no difference. Equal records give equal bytes,
+/// in however many parts they come.
 pub struct RecordingWriter<W> {
     out: W,
     /// Records that were not written yet, and their macro steps.
@@ -69,7 +71,8 @@ pub struct Counts {
     pub steps: u64,
     /// Gaps.
     pub gaps: u64,
-    /// How often all came that the machine was, or a mission began: at the beginning, behind a gap, or because somebody asked.
+    /// How often all came that the machine was, or a mission began: at the beginning, behind a gap,
+    /// or because somebody asked.
     pub beginnings: u64,
 }
 
@@ -151,7 +154,8 @@ impl<W: Write> RecordingWriter<W> {
         })
     }
 
-    /// Adds whole records. Answers the hash of a mission that they are of and that is not in the recording yet.
+    /// Adds whole records. Answers the hash of a mission that they are of and that is not in the
+    /// recording yet.
     ///
     /// # Errors
     /// Whatever the file has; or that these are no records.
@@ -184,7 +188,8 @@ impl<W: Write> RecordingWriter<W> {
         Ok(unknown)
     }
 
-    /// How many macro steps a record is of, which moves the clock on; or it is after the end, and all is over.
+    /// How many macro steps a record is of, which moves the clock on; or it is after the end, and
+    /// all is over.
     fn steps_of(&mut self, record: &Recorded<'_>) -> u64 {
         let (steps, skipped) = match *record {
             Recorded::Changes { quiet, .. } => (u64::from(quiet) + 1, 0),
@@ -228,7 +233,8 @@ impl<W: Write> RecordingWriter<W> {
                 progress,
                 ..
             } => {
-                // Nothing is missing before the first macro step of a mission that took over warm, and before the one that is due. So does a replay see it.
+                // Nothing is missing before the first macro step of a mission that took over warm,
+                // and before the one that is due. So does a replay see it.
                 let is_due = |clock: &Clock| {
                     let is_same = (clock.mission, clock.start_us) == (mission, start_us);
                     progress.steps == if is_same { clock.next_step } else { 0 }
@@ -253,7 +259,8 @@ impl<W: Write> RecordingWriter<W> {
         steps
     }
 
-    /// Macro steps without a change before the one of this number, which nobody has told yet; none where more is missing than that.
+    /// Macro steps without a change before the one of this number, which nobody has told yet; none
+    /// where more is missing than that.
     fn quiet_before(&self, mission: u32, start_us: u64, step: u64) -> Option<u64> {
         let clock = self.clock.as_ref()?;
         let is_same = (clock.mission, clock.start_us) == (mission, start_us);
@@ -293,13 +300,15 @@ impl<W: Write> RecordingWriter<W> {
         self.write(&Frame::Ends(ends.to_vec()))
     }
 
-    /// Writes all that came, and how many macro steps of the last mission it is of, where that is known.
+    /// Writes all that came, and how many macro steps of the last mission it is of, where that is
+    /// known.
     ///
     /// # Errors
     /// Whatever the file has.
     pub fn finish(mut self, steps: Option<u64>) -> io::Result<(W, Counts)> {
         if let Some((steps, next)) = steps.zip(self.next_step()) {
-            // The robot need not have said yet that nothing entered before the last of them; or has told of some behind the end.
+            // The robot need not have said yet that nothing entered before the last of them; or has
+            // told of some behind the end.
             let quiet = steps.saturating_sub(next).min(MAX_QUIET.into()) as u32;
             if quiet > 0 {
                 write_quiet(&mut Sink(&mut self.waiting), quiet);
@@ -338,7 +347,8 @@ impl<W: Write> RecordingWriter<W> {
         Ok(())
     }
 
-    /// Whether something was missing since this was last asked, of which no word came: whoever can asks the robot for all that its machine is.
+    /// Whether something was missing since this was last asked, of which no word came: whoever can
+    /// asks the robot for all that its machine is.
     pub fn take_lost(&mut self) -> bool {
         std::mem::take(&mut self.lost)
     }
@@ -358,7 +368,8 @@ impl<W: Write> RecordingWriter<W> {
         self.write(&Frame::Records(records))
     }
 
-    /// Writes a frame, and hands it to the system: it is there then, whatever becomes of this process.
+    /// Writes a frame, and hands it to the system: it is there then, whatever becomes of this
+    /// process.
     fn write(&mut self, frame: &Frame) -> io::Result<()> {
         frame.write(&mut self.out)?;
         self.out.flush()

@@ -85,7 +85,8 @@ pub enum FlagKind {
 /// Reads a scenario for a machine.
 ///
 /// # Errors
-/// Every mistake, in the order of the file: lines that cannot be read, and names that do not exist or do not fit.
+/// Every mistake, in the order of the file: lines that cannot be read, and names that do not exist
+/// or do not fit.
 pub fn read(text: &str, directory: &Directory) -> Result<BoundScenario, Vec<Mistake>> {
     let (scenario, mut mistakes) = super::read(text);
     match bind(&scenario, directory) {
@@ -100,7 +101,8 @@ pub fn read(text: &str, directory: &Directory) -> Result<BoundScenario, Vec<Mist
 /// Finds a scenario's names in a machine.
 ///
 /// # Errors
-/// Every name that does not exist or does not fit, in the order of the file; and an end that is too far away.
+/// Every name that does not exist or does not fit, in the order of the file; and an end that is too
+/// far away.
 pub fn bind(scenario: &Scenario, directory: &Directory) -> Result<BoundScenario, Vec<Mistake>> {
     let (mut inputs, mut expectations, mut mistakes) = (Vec::new(), Vec::new(), Vec::new());
     for entry in &scenario.entries {

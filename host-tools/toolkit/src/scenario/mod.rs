@@ -1,8 +1,8 @@
 //! Scenario files: what the tasks report, and when, and what must hold.
 //!
-//! A scenario stands in for the tasks of a machine that [`crate::sim`] runs. It is read in two steps: [`parse`] knows the grammar
-//! and nothing of any machine; [`bind::bind`] finds the names in one. Both report all that they can find, not only the first
-//! mistake, and each with its place.
+//! A scenario stands in for the tasks of a machine that [`crate::sim`] runs. It is read in two
+//! steps: [`parse`] knows the grammar and nothing of any machine; [`bind::bind`] finds the names in
+//! one. Both report all that they can find, not only the first mistake, and each with its place.
 //!
 //! ```text
 //! period 10 ms                          # overrides the interpreter slot's
@@ -53,7 +53,8 @@ pub struct Scenario {
     pub until_place: Place,
 }
 
-/// The most macro steps that a scenario can ask for: a day of robot time at a period of 1 ms, and more than a minute of work.
+/// The most macro steps that a scenario can ask for: a day of robot time at a period of 1 ms, and
+/// more than a minute of work.
 pub const MAX_MACRO_STEPS: u64 = 100_000_000;
 
 /// A line that starts with `at`.
@@ -277,7 +278,8 @@ pub fn parse(text: &str) -> Result<Scenario, Vec<Mistake>> {
     }
 }
 
-/// Reads a scenario as far as it goes, with all mistakes: so that those in its names can be told together with them.
+/// Reads a scenario as far as it goes, with all mistakes: so that those in its names can be told
+/// together with them.
 fn read(text: &str) -> (Scenario, Vec<Mistake>) {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut reading = Reading::default();

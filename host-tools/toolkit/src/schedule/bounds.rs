@@ -20,7 +20,8 @@ pub(super) fn single_slots(slots: &[SlotSpec]) -> Option<Infeasibility> {
     overcommitted(slots)
 }
 
-/// Slots that ask for more time than there is, those with the greatest shares named until the others fit.
+/// Slots that ask for more time than there is, those with the greatest shares named until the
+/// others fit.
 pub(super) fn overcommitted(slots: &[SlotSpec]) -> Option<Infeasibility> {
     let times_us = |slots: &[SlotSpec]| -> Vec<(u32, u32)> {
         slots
@@ -64,15 +65,16 @@ const MAX_PERIODS: usize = 512;
 /// As many windows are looked at.
 const MAX_WINDOWS: usize = 4_096;
 
-/// As many looks are taken at a period, or at whether two of them meet in a window, for all windows together. The shortest windows, which are crowded
-/// soonest, come first.
+/// As many looks are taken at a period, or at whether two of them meet in a window, for all windows
+/// together. The shortest windows, which are crowded soonest, come first.
 const MAX_LOOKS: u64 = 1 << 23;
 
 /// Slots that crowd a window.
 ///
-/// Two slots do not overlap if and only if they do not overlap modulo the greatest common divisor of their periods; then they do not
-/// overlap modulo any multiple of it either. So slots whose common divisors, pair by pair, all divide one number W have one
-/// occurrence each in a circle of W, side by side: their durations must sum up to at most W. Pairs are the smallest case.
+/// Two slots do not overlap if and only if they do not overlap modulo the greatest common divisor
+/// of their periods; then they do not overlap modulo any multiple of it either. So slots whose
+/// common divisors, pair by pair, all divide one number W have one occurrence each in a circle of
+/// W, side by side: their durations must sum up to at most W. Pairs are the smallest case.
 pub(super) fn windows(slots: &[SlotSpec], clock: &mut Clock) -> Option<Infeasibility> {
     let mut by_period: BTreeMap<u64, Vec<&SlotSpec>> = BTreeMap::new();
     for slot in slots {
@@ -84,7 +86,8 @@ pub(super) fn windows(slots: &[SlotSpec], clock: &mut Clock) -> Option<Infeasibi
     let groups: Vec<Group<'_>> = by_period
         .into_iter()
         .map(|(period_us, mut slots)| {
-            // Longest first: of slots of one period that exclude each other in the window, the longest counts.
+            // Longest first: of slots of one period that exclude each other in the window, the
+            // longest counts.
             slots.sort_by_key(|slot| (Reverse(slot.duration_us), slot.number));
             Group {
                 period_us,
@@ -128,10 +131,12 @@ fn sum_us(slots: &[&SlotSpec]) -> u64 {
     slots.iter().map(|slot| u64::from(slot.duration_us)).sum()
 }
 
-/// Gathers slots that meet in a window, greedily, and looks whether they fit. It counts the looks down at one period or two.
+/// Gathers slots that meet in a window, greedily, and looks whether they fit. It counts the looks
+/// down at one period or two.
 fn crowded(window_us: u64, groups: &[Group<'_>], looks_left: &mut u64) -> Option<Infeasibility> {
     *looks_left = looks_left.saturating_sub(groups.len() as u64);
-    // All slots of a period that divides the window meet there with each other; of another period one alone counts.
+    // All slots of a period that divides the window meet there with each other; of another period
+    // one alone counts.
     let mut candidates: Vec<(u64, u64, &[&SlotSpec])> = groups
         .iter()
         .filter_map(|group| {
@@ -172,7 +177,8 @@ fn crowded(window_us: u64, groups: &[Group<'_>], looks_left: &mut u64) -> Option
                 chosen_us += sum_us;
             }
         }
-        // A slot may last longer than a window in which it meets no other: one alone proves nothing.
+        // A slot may last longer than a window in which it meets no other: one alone proves
+        // nothing.
         if members.len() > 1 && chosen_us > window_us {
             return Some(smallest_proof(window_us, members));
         }
@@ -180,7 +186,8 @@ fn crowded(window_us: u64, groups: &[Group<'_>], looks_left: &mut u64) -> Option
     None
 }
 
-/// As few of the slots as crowd the window already, longest first; never one alone, which crowds nobody.
+/// As few of the slots as crowd the window already, longest first; never one alone, which crowds
+/// nobody.
 fn smallest_proof(window_us: u64, mut members: Vec<&SlotSpec>) -> Infeasibility {
     members.sort_by_key(|slot| (Reverse(slot.duration_us), slot.number));
     let mut sum_us = 0;

@@ -1,18 +1,24 @@
 //! Slots whose periods form a chain: each divides the next (harmonic).
 //!
-//! In the packing view (Grus, Hanen, Hanzálek 2024) such a schedule packs rectangles of height-divisible sizes: x is the time in a frame as
-//! long as the shortest period, y the number of the frame, and a slot of k frames' period takes the same x in every k-th frame. Cut where a
-//! slot of the shortest period begins, a frame is one free *gap*. Slots of the shortest period stand at the left of it, side by side; what
-//! they leave is one gap again. A period m times as long sees that gap m times, and its slots go to the left of some of the copies; and so on. That
-//! loses nothing: within a gap, what is in it can be sorted by period, in each copy alike. Gaps of equal length are alike too. So only *which
-//! lengths remain* matters, and the search decides for one slot after another, longest first in its period, into a gap of which length it goes.
+//! In the packing view (Grus, Hanen, Hanzálek 2024) such a schedule packs rectangles of
+//! height-divisible sizes: x is the time in a frame as long as the shortest period, y the number of
+//! the frame, and a slot of k frames' period takes the same x in every k-th frame. Cut where a slot
+//! of the shortest period begins, a frame is one free *gap*. Slots of the shortest period stand at
+//! the left of it, side by side; what they leave is one gap again. A period m times as long sees
+//! that gap m times, and its slots go to the left of some of the copies; and so on. That loses
+//! nothing: within a gap, what is in it can be sorted by period, in each copy alike. Gaps of equal
+//! length are alike too. So only *which lengths remain* matters, and the search decides for one
+//! slot after another, longest first in its period, into a gap of which length it goes.
 //!
 //! Three counts end a branch early, all over the whole hyperframe:
-//! - a gap whose length cannot be filled by any sum of the durations still to come wastes at least the rest; all waste must fit the slack;
-//! - the slots of at least a duration need as much time, and as many places, as the gaps of at least that length have.
+//! - a gap whose length cannot be filled by any sum of the durations still to come wastes at least
+//!   the rest; all waste must fit the slack;
+//! - the slots of at least a duration need as much time, and as many places, as the gaps of at
+//!   least that length have.
 //!
-//! A search without limit is exact: if it ends without success, there is no schedule. With a limit and random choices among the gaps it finds
-//! schedules of full tables quickly, begun anew again and again.
+//! A search without limit is exact: if it ends without success, there is no schedule. With a limit
+//! and random choices among the gaps it finds schedules of full tables quickly, begun anew again
+//! and again.
 
 use std::cmp::Reverse;
 
@@ -20,7 +26,8 @@ use super::SlotSpec;
 use super::clock::Clock;
 use super::random::Random;
 
-/// The most slots of a chain; more are left to the other searches. Bounds the depth of the recursion too.
+/// The most slots of a chain; more are left to the other searches. Bounds the depth of the
+/// recursion too.
 pub(super) const MAX_CHAIN_SLOTS: usize = 512;
 
 /// The most gaps that are kept apart.
@@ -34,7 +41,8 @@ const MAX_SUM_WORDS: u64 = 1 << 22;
 pub(super) struct Member {
     /// Index of the slot.
     pub(super) index: usize,
-    /// The period that it counts with here, in microseconds: its own, or one of the chain that asks for less.
+    /// The period that it counts with here, in microseconds: its own, or one of the chain that asks
+    /// for less.
     pub(super) period_us: u64,
     /// Duration in microseconds.
     pub(super) duration_us: u64,
@@ -84,7 +92,8 @@ pub(super) struct Chain {
     unit_us: u64,
     /// Length of the frame in units.
     frame: u64,
-    /// Time in the hyperframe that no slot takes, in units; `None` where they take more than there is.
+    /// Time in the hyperframe that no slot takes, in units; `None` where they take more than there
+    /// is.
     slack: Option<u64>,
 }
 
@@ -110,9 +119,11 @@ struct Item {
 /// What is still to come.
 #[derive(Clone, Debug, Default)]
 struct Later {
-    /// Bit n: some of the durations still to come sum up to n units. Empty where that table would be too large: then each sum counts as possible.
+    /// Bit n: some of the durations still to come sum up to n units. Empty where that table would
+    /// be too large: then each sum counts as possible.
     sums: Vec<u64>,
-    /// For each duration, longest first: what all slots of at least that duration need in the hyperframe.
+    /// For each duration, longest first: what all slots of at least that duration need in the
+    /// hyperframe.
     needs: Vec<Need>,
 }
 
@@ -210,7 +221,8 @@ impl Chain {
         }
     }
 
-    /// Searches for at most `max_steps` steps. With `random`, gaps are tried in a random order that leans towards the tightest.
+    /// Searches for at most `max_steps` steps. With `random`, gaps are tried in a random order that
+    /// leans towards the tightest.
     pub(super) fn search(
         &self,
         max_steps: u64,
@@ -245,7 +257,8 @@ impl Chain {
     }
 }
 
-/// What all slots of at least each duration need; `coming` holds duration and weight, longest first.
+/// What all slots of at least each duration need; `coming` holds duration and weight, longest
+/// first.
 fn needs(coming: &[(u64, u64)]) -> Vec<Need> {
     let mut needs: Vec<Need> = Vec::new();
     let (mut time, mut places) = (0, 0);
@@ -336,7 +349,8 @@ impl Search<'_> {
         self.item(number, level, 0, &mut copies, u64::MAX)
     }
 
-    /// Places item `at` of a level and all that follow. `previous` is the length of the gap that the item before went into.
+    /// Places item `at` of a level and all that follow. `previous` is the length of the gap that
+    /// the item before went into.
     fn item(
         &mut self,
         number: usize,

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use super::{SlotSpec, gcd};
 
-/// Two slots of which some occurrences overlap, by index, or one whose start is out of its range (then both are that one).
+/// Two slots of which some occurrences overlap, by index, or one whose start is out of its range
+/// (then both are that one).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Clash {
     /// Index of a slot.
@@ -16,8 +17,8 @@ pub struct Clash {
 /// Checks start times by the definition alone, independently of how they were found.
 ///
 /// # Errors
-/// The first pair that clashes. A slot without a start, or with one outside of its period or other than the one given, clashes with
-/// itself.
+/// The first pair that clashes. A slot without a start, or with one outside of its period or other
+/// than the one given, clashes with itself.
 pub fn check(slots: &[SlotSpec], starts_us: &[u32]) -> Result<(), Clash> {
     for (first, slot) in slots.iter().enumerate() {
         let start_us = starts_us.get(first).copied();
@@ -30,7 +31,8 @@ pub fn check(slots: &[SlotSpec], starts_us: &[u32]) -> Result<(), Clash> {
             });
         }
     }
-    // Slots of one period have the same divisors with others: these are worked out once for all of them.
+    // Slots of one period have the same divisors with others: these are worked out once for all of
+    // them.
     let mut by_period: BTreeMap<u32, Vec<(usize, Occurring)>> = BTreeMap::new();
     for (index, (slot, &start_us)) in slots.iter().zip(starts_us).enumerate() {
         let occurring = Occurring {
@@ -73,8 +75,10 @@ struct Occurring {
 }
 
 impl Occurring {
-    /// Whether no occurrences of two slots overlap whose periods have this greatest common divisor: the theorem of Korst, Aarts and Lenstra. Asked the other
-    /// way round, it says the same, but where both start at once: there one without duration fits before the other, and not behind it.
+    /// Whether no occurrences of two slots overlap whose periods have this greatest common divisor:
+    /// the theorem of Korst, Aarts and Lenstra. Asked the other way round, it says the same, but
+    /// where both start at once: there one without duration fits before the other, and not behind
+    /// it.
     fn fits(&self, other: &Occurring, divisor_us: u64) -> bool {
         let distance_us = (other.start_us + divisor_us - self.start_us % divisor_us) % divisor_us;
         self.duration_us <= distance_us && distance_us + other.duration_us <= divisor_us

@@ -3,10 +3,12 @@
 use std::fmt;
 use std::time::Duration;
 
-/// A function that tells how much time has passed, of a clock that the caller chooses, from any moment on.
+/// A function that tells how much time has passed, of a clock that the caller chooses, from any
+/// moment on.
 pub type Now = fn() -> Duration;
 
-/// How long a search may last, and by which clock. Where none is at hand, there is [`Limit::pieces`].
+/// How long a search may last, and by which clock. Where none is at hand, there is
+/// [`Limit::pieces`].
 #[derive(Clone, Copy, Debug)]
 pub struct Limit {
     time: Duration,
@@ -15,8 +17,8 @@ pub struct Limit {
 }
 
 impl Limit {
-    /// So much time by this clock: that of the thread's work finds on a loaded machine what it finds on an idle one, that
-    /// on the wall is for a person who waits.
+    /// So much time by this clock: that of the thread's work finds on a loaded machine what it
+    /// finds on an idle one, that on the wall is for a person who waits.
     pub fn new(time: Duration, now: Now) -> Self {
         Limit {
             time,
@@ -100,7 +102,8 @@ impl Clock {
         Self::new(Limit::pieces(pieces))
     }
 
-    /// The clock, which also runs out after so many small pieces of work: the same ones in every run.
+    /// The clock, which also runs out after so many small pieces of work: the same ones in every
+    /// run.
     #[cfg(test)]
     pub(super) fn with_ticks(self, ticks_left: u64) -> Self {
         Clock { ticks_left, ..self }

@@ -1,19 +1,25 @@
 //! Columns: tables that leave little or no time, joined until everything repeats equally often.
 //!
-//! In the packing view a slot is a rectangle: x is the time in a frame, as long as the greatest common divisor of all periods, y the number of the
-//! frame. k slots of period k·P and equal duration, one in each of k turns, make up one rectangle of period P. So do k *groups* of slots side by side, if
-//! the groups are equally long; and so do groups of such rectangles in turn. Here both are called *pieces*, and what was joined is a *column*.
-//! The search begins with the longest periods, and joins all pieces of a period to columns of shorter periods that divide it, until all have
-//! the period of the frame. There they go side by side.
+//! In the packing view a slot is a rectangle: x is the time in a frame, as long as the greatest
+//! common divisor of all periods, y the number of the frame. k slots of period k·P and equal
+//! duration, one in each of k turns, make up one rectangle of period P. So do k *groups* of slots
+//! side by side, if the groups are equally long; and so do groups of such rectangles in turn. Here
+//! both are called *pieces*, and what was joined is a *column*. The search begins with the longest
+//! periods, and joins all pieces of a period to columns of shorter periods that divide it, until
+//! all have the period of the frame. There they go side by side.
 //!
-//! In a table that takes all time, the last step needs no luck: joining changes nobody's share of the time, so in the end the pieces fill
-//! the frame exactly. What needs luck is to make groups of equal length out of *all* pieces of a period, which is number partitioning, and easy
-//! where there are many; placing one slot after another fails at the last gaps instead, where there is no choice left. In a table that leaves
-//! some time, a group may be shorter than its column, and the sum of this *padding* is limited by the time that is left.
+//! In a table that takes all time, the last step needs no luck: joining changes nobody's share of
+//! the time, so in the end the pieces fill the frame exactly. What needs luck is to make groups of
+//! equal length out of *all* pieces of a period, which is number partitioning, and easy where there
+//! are many; placing one slot after another fails at the last gaps instead, where there is no
+//! choice left. In a table that leaves some time, a group may be shorter than its column, and the
+//! sum of this *padding* is limited by the time that is left.
 //!
-//! Where a period has several others that divide it, the shorter periods say what they lack: pieces of a length that would complete columns there are made
-//! first. Everything else is tried at random, with turns of a few attempts at each period. Not all schedules are made of columns, so this search proves
-//! nothing. But all of harmonic periods are, and all that are made by cutting time up, in x or by handing out turns.
+//! Where a period has several others that divide it, the shorter periods say what they lack: pieces
+//! of a length that would complete columns there are made first. Everything else is tried at
+//! random, with turns of a few attempts at each period. Not all schedules are made of columns, so
+//! this search proves nothing. But all of harmonic periods are, and all that are made by cutting
+//! time up, in x or by handing out turns.
 
 use super::clock::Clock;
 use super::luby::luby;
@@ -26,7 +32,8 @@ const MAX_SLOTS: usize = 512;
 /// The most different periods, common divisors included. Bounds the depth of the recursion too.
 const MAX_LEVELS: usize = 32;
 
-/// The longest frame, in units of the greatest common divisor of all times. With [`MAX_SLOTS`] it bounds the table of sums to 8 MiB.
+/// The longest frame, in units of the greatest common divisor of all times. With [`MAX_SLOTS`] it
+/// bounds the table of sums to 8 MiB.
 const MAX_FRAME: u64 = 8_192;
 
 /// The most groups of a column.
@@ -121,9 +128,11 @@ impl Columns {
         })
     }
 
-    /// Goes on for about as much work, in pieces as the clock counts them. Gives the starts in microseconds once all slots have their place.
+    /// Goes on for about as much work, in pieces as the clock counts them. Gives the starts in
+    /// microseconds once all slots have their place.
     pub(super) fn search(&mut self, max_work: u64, clock: &mut Clock) -> Option<Vec<u32>> {
-        /// Attempts at levels before all begins anew, beyond one for each: so many often, more of them seldom.
+        /// Attempts at levels before all begins anew, beyond one for each: so many often, more of
+        /// them seldom.
         const SPARE_ATTEMPTS: u64 = 40;
         let mut joining = Joining {
             levels: &self.levels,
@@ -171,7 +180,8 @@ impl Columns {
     }
 }
 
-/// The different periods and all their common divisors, shortest first; `None` where there are more than [`MAX_LEVELS`].
+/// The different periods and all their common divisors, shortest first; `None` where there are more
+/// than [`MAX_LEVELS`].
 fn with_common_divisors(slots: &[SlotSpec]) -> Option<Vec<u64>> {
     let mut periods_us: Vec<u64> = slots.iter().map(|slot| slot.period_us.into()).collect();
     periods_us.sort_unstable();
@@ -196,7 +206,8 @@ fn with_common_divisors(slots: &[SlotSpec]) -> Option<Vec<u64>> {
     Some(periods_us)
 }
 
-/// Those of the periods that divide one and no other such; `None` where one has more than [`MAX_TURNS`] turns in it.
+/// Those of the periods that divide one and no other such; `None` where one has more than
+/// [`MAX_TURNS`] turns in it.
 fn parents(periods_us: &[u64], period_us: u64) -> Option<Vec<Parent>> {
     let divides = |divisor: u64, of: u64| divisor < of && of.is_multiple_of(divisor);
     periods_us
@@ -213,7 +224,7 @@ fn parents(periods_us: &[u64], period_us: u64) -> Option<Vec<Parent>> {
         .collect()
 }
 
-// ─── Pieces ───────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Pieces ──────────────────────────────────────────────────────────────────────────────────────
 
 /// A rectangle.
 #[derive(Debug)]
@@ -248,12 +259,14 @@ struct Column {
 struct Stock {
     /// In rising order.
     lengths: Vec<usize>,
-    /// What it costs to use a piece: about [`PIECE_COST`], with noise, so that another choice of equally many is made each time.
+    /// What it costs to use a piece: about [`PIECE_COST`], with noise, so that another choice of
+    /// equally many is made each time.
     costs: Vec<u16>,
     is_used: Vec<bool>,
 }
 
-/// What a piece costs in a group: few long pieces are better than many short ones, which will be needed.
+/// What a piece costs in a group: few long pieces are better than many short ones, which will be
+/// needed.
 const PIECE_COST: u16 = 8;
 
 impl Stock {
@@ -339,7 +352,7 @@ fn any_of<const N: usize>(options: [u64; N], random: &mut Random) -> u64 {
     options.get(random.index(N)).copied().unwrap_or(0)
 }
 
-// ─── Search ───────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Search ──────────────────────────────────────────────────────────────────────────────────────
 
 struct Joining<'c> {
     levels: &'c [Level],
@@ -729,7 +742,8 @@ impl Joining<'_> {
         })
     }
 
-    /// The cheapest pieces whose lengths sum up to a length, all but for some padding. Gives their positions and the padding.
+    /// The cheapest pieces whose lengths sum up to a length, all but for some padding. Gives their
+    /// positions and the padding.
     fn fill(
         &mut self,
         stock: &Stock,
@@ -739,7 +753,8 @@ impl Joining<'_> {
         /// No choice of pieces has that sum.
         const NEVER: u16 = u16::MAX;
         let width = length + 1;
-        // A row for no piece, and one more for each: what the sums from 0 to the length cost at least.
+        // A row for no piece, and one more for each: what the sums from 0 to the length cost at
+        // least.
         self.sums.clear();
         self.sums.resize(width, NEVER);
         self.sums[0] = 0;
@@ -785,7 +800,8 @@ impl Joining<'_> {
         Some((positions, padded))
     }
 
-    /// Whether the columns leave sums to their levels that these can share out in turn, as far as that is known yet. Without slack only.
+    /// Whether the columns leave sums to their levels that these can share out in turn, as far as
+    /// that is known yet. Without slack only.
     fn can_be_shared_out(&self, level: usize, columns: &[Column]) -> bool {
         self.levels[level].parents.iter().all(|parent| {
             let target = &self.levels[parent.level];
@@ -914,7 +930,8 @@ mod tests {
         }
     }
 
-    /// Columns of 10 ms need both those of 2 ms, which go into two turns, and those of 5 ms, which go into five.
+    /// Columns of 10 ms need both those of 2 ms, which go into two turns, and those of 5 ms, which
+    /// go into five.
     #[test]
     fn periods_that_do_not_divide_each_other_share_the_frame() {
         let slots = slots(&[

@@ -1,11 +1,14 @@
 //! Construction: one slot after another gets a place in the time that is still free.
 //!
-//! For a slot of period T, time is a circle of length T. A slot that has its place takes it there again and again, after each gcd(T, T') of its own period T'. What
-//! is left is a list of gaps, and a new slot fits wherever a gap is long enough. Slots are placed period by period, so each circle is laid out once
-//! and then only filled: the work is that of sorting what repeats on it. Where that is too much, a circle is laid out up to a horizon only, and
-//! slots that find no gap before it jump from clash to clash.
+//! For a slot of period T, time is a circle of length T. A slot that has its place takes it there
+//! again and again, after each gcd(T, T') of its own period T'. What is left is a list of gaps, and
+//! a new slot fits wherever a gap is long enough. Slots are placed period by period, so each circle
+//! is laid out once and then only filled: the work is that of sorting what repeats on it. Where
+//! that is too much, a circle is laid out up to a horizon only, and slots that find no gap before
+//! it jump from clash to clash.
 //!
-//! Short periods come first, in each period long durations. A slot that finds no place is moved forward, and all begins anew (squeaky wheel).
+//! Short periods come first, in each period long durations. A slot that finds no place is moved
+//! forward, and all begins anew (squeaky wheel).
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -22,7 +25,8 @@ const MAX_STRETCHES: u64 = 1 << 18;
 /// The most stretches that are laid out on the circles of all periods, once on each.
 const MAX_ALL_STRETCHES: u64 = 1 << 22;
 
-/// The most looks at others to jump from clash to clash to a start behind the horizon. Where no start is left, that would go on for the whole period.
+/// The most looks at others to jump from clash to clash to a start behind the horizon. Where no
+/// start is left, that would go on for the whole period.
 const MAX_LOOKS: u64 = 1 << 20;
 
 /// A slot with its start.
@@ -45,8 +49,9 @@ impl Placed {
     }
 }
 
-/// Gives each slot a start that clashes with none of the others. `fixed` have theirs, and fit each other; `free` are all others with
-/// their indices. `None` where that does not work out or the time has run out: it proves nothing.
+/// Gives each slot a start that clashes with none of the others. `fixed` have theirs, and fit each
+/// other; `free` are all others with their indices. `None` where that does not work out or the time
+/// has run out: it proves nothing.
 pub(super) fn construct(
     fixed: &[Placed],
     free: &[(usize, &SlotSpec)],
@@ -81,8 +86,9 @@ pub(super) fn construct(
     None
 }
 
-/// Length in microseconds of the frames in which the slots of a period stand one below the other: that in which longer periods, of which it is no
-/// divisor, meet them. So they leave as much of it as can be to those.
+/// Length in microseconds of the frames in which the slots of a period stand one below the other:
+/// that in which longer periods, of which it is no divisor, meet them. So they leave as much of it
+/// as can be to those.
 fn frame_us(period_us: u64, periods_us: &[u64]) -> u64 {
     periods_us
         .iter()
@@ -109,7 +115,8 @@ pub(super) struct Layout<'p> {
     taste: Taste,
     /// All periods that free slots have.
     periods_us: &'p [u64],
-    /// What has no duration needs no time, and yet must not stand within another: circles know nothing of it.
+    /// What has no duration needs no time, and yet must not stand within another: circles know
+    /// nothing of it.
     is_plain: bool,
 }
 
@@ -178,9 +185,11 @@ struct Gap {
 /// What is free for the slots of one period.
 struct Circle {
     period_us: u64,
-    /// Where the circle begins: at the start of the first slot that was placed, so that no gap goes over its end.
+    /// Where the circle begins: at the start of the first slot that was placed, so that no gap goes
+    /// over its end.
     origin_us: u64,
-    /// Length of its frames in microseconds. Gaps end where a frame does, unless nothing fits otherwise.
+    /// Length of its frames in microseconds. Gaps end where a frame does, unless nothing fits
+    /// otherwise.
     frame_us: u64,
     taste: Taste,
     /// It is laid out up to here, in microseconds after the origin.
@@ -301,7 +310,8 @@ impl Circle {
         }
     }
 
-    /// Puts a gap in its place in the order. What lies beyond the end of its frame begins a frame of its own.
+    /// Puts a gap in its place in the order. What lies beyond the end of its frame begins a frame
+    /// of its own.
     fn insert(&mut self, gap: Gap) {
         let column = gap.start % self.frame_us;
         let next = gap.start + (self.frame_us - column);
@@ -357,7 +367,8 @@ impl Circle {
         gaps
     }
 
-    /// Takes the time for a slot from the first gap that is long enough. Gives its start in microseconds.
+    /// Takes the time for a slot from the first gap that is long enough. Gives its start in
+    /// microseconds.
     fn take(&mut self, duration_us: u64, clock: &mut Clock) -> Option<u64> {
         let found = self.find(duration_us, clock);
         let key = match found {
@@ -398,7 +409,7 @@ impl Circle {
     }
 }
 
-// ─── One place at a time ──────────────────────────────────────────────────────────────────────────────────────────────
+// ─── One place at a time ─────────────────────────────────────────────────────────────────────────
 
 /// Whether a start fits beside a slot that is placed.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -430,7 +441,8 @@ pub(super) fn fit(other: &Placed, start_us: u64, period_us: u64, duration_us: u6
     }
 }
 
-/// The first start below the period that clashes with nothing placed. `None` also where the time has run out.
+/// The first start below the period that clashes with nothing placed. `None` also where the time
+/// has run out.
 pub(super) fn first_fit(layout: &[Placed], slot: &SlotSpec, clock: &mut Clock) -> Option<u64> {
     first_fit_within(layout, slot, u64::MAX, clock)
 }
@@ -505,7 +517,8 @@ mod tests {
 
     #[test]
     fn slots_that_meet_in_a_short_frame_leave_it_to_others() {
-        // Each of the first two takes half of its 10 us, and both meet the third in every 5 us: they must stand one below the other there.
+        // Each of the first two takes half of its 10 us, and both meet the third in every 5 us:
+        // they must stand one below the other there.
         let slots = [slot(1, 10, 2), slot(2, 10, 2), slot(3, 15, 3)];
         let free: Vec<(usize, &SlotSpec)> = slots.iter().enumerate().collect();
         let mut layout = Layout::new(&[], &[10, 15], Taste::Shared);
@@ -521,7 +534,8 @@ mod tests {
 
     #[test]
     fn what_is_left_of_a_gap_over_the_end_of_a_frame_is_found_again() {
-        // In frames of 3 us, the second slot fits over an end of one alone; the last goes behind the third, into a frame that was looked through before.
+        // In frames of 3 us, the second slot fits over an end of one alone; the last goes behind
+        // the third, into a frame that was looked through before.
         let slots = [
             slot(1, 6, 2),
             slot(2, 12, 4),
@@ -567,7 +581,8 @@ mod tests {
     }
 
     proptest! {
-        /// What finds no gap on its circle finds none by jumping from clash to clash either, and what finds one clashes with nothing.
+        /// What finds no gap on its circle finds none by jumping from clash to clash either, and
+        /// what finds one clashes with nothing.
         #[test]
         fn gaps_are_all_there_is(
             times_us in proptest::collection::vec((prop::sample::select(vec![6_u32, 10, 12, 15, 20, 30, 60, 90]), 1..5_u32), 1..20),

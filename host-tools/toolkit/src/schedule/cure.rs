@@ -1,7 +1,9 @@
 //! What to change where there is no schedule: tried, not guessed.
 //!
-//! A reason names slots. A cure is a change of one of them, or of all in the same way, after which those slots have a schedule: it is found by trying changes,
-//! small ones first, and searching for a schedule of what they make. Whether the rest of the table then has its place is another question, and the next search tells.
+//! A reason names slots. A cure is a change of one of them, or of all in the same way, after which
+//! those slots have a schedule: it is found by trying changes, small ones first, and searching for
+//! a schedule of what they make. Whether the rest of the table then has its place is another
+//! question, and the next search tells.
 
 use std::cmp::Reverse;
 use std::fmt;
@@ -126,7 +128,8 @@ impl fmt::Display for Change {
 /// What to change. `Display` says it in words.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cure {
-    /// Each of these alone takes the reason away, and gives the slots that it names a schedule. Empty where none was found.
+    /// Each of these alone takes the reason away, and gives the slots that it names a schedule.
+    /// Empty where none was found.
     pub changes: Vec<Change>,
     /// What helps in general.
     pub advice: String,
@@ -328,7 +331,8 @@ impl Trials {
         (works > 0).then(|| shorten(works))
     }
 
-    /// A slot with another period, the nearest that works: one of the others', or a multiple of one of them.
+    /// A slot with another period, the nearest that works: one of the others', or a multiple of one
+    /// of them.
     pub(super) fn other_period(
         &mut self,
         core: &[SlotSpec],

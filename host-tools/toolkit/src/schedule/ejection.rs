@@ -1,9 +1,12 @@
 //! Ejection search: any slot gets a place at once, and those in its way lose theirs.
 //!
-//! Each slot has a weight that grows whenever it finds no free place. A slot without a place goes where the slots in its way weigh least; they wait
-//! for their next turn. Places are counted in a window of the period by sweeping over the times at which a slot in the way begins or ceases to be so;
-//! of equally good ones the leftmost of a random stretch is taken. So what is hard to place comes to stay, and what is easy moves around it. It finds schedules
-//! of tables of any periods, and never proves that there is none. The idea is that of ejection chains (Glover 1996) with the weights of breakout local search (Morris 1993).
+//! Each slot has a weight that grows whenever it finds no free place. A slot without a place goes
+//! where the slots in its way weigh least; they wait for their next turn. Places are counted in a
+//! window of the period by sweeping over the times at which a slot in the way begins or ceases to
+//! be so; of equally good ones the leftmost of a random stretch is taken. So what is hard to place
+//! comes to stay, and what is easy moves around it. It finds schedules of tables of any periods,
+//! and never proves that there is none. The idea is that of ejection chains (Glover 1996) with the
+//! weights of breakout local search (Morris 1993).
 
 use std::cmp::Reverse;
 
@@ -106,7 +109,8 @@ impl Ejection {
         })
     }
 
-    /// Goes on for at most so many steps. Gives the starts in microseconds once all slots have their place.
+    /// Goes on for at most so many steps. Gives the starts in microseconds once all slots have
+    /// their place.
     pub(super) fn search(&mut self, max_steps: u64, clock: &mut Clock) -> Option<Vec<u32>> {
         for _ in 0..max_steps {
             let Some(index) = self.next() else {
@@ -187,7 +191,8 @@ impl Ejection {
         since < other.duration_us || since + slot.duration_us > divisor
     }
 
-    /// The start in a random window of the period at which the slots in the way weigh least, with their weight.
+    /// The start in a random window of the period at which the slots in the way weigh least, with
+    /// their weight.
     fn lightest(&mut self, index: usize, window_us: u64) -> (i64, u64) {
         let slot = self.slots[index];
         let window_us = window_us.min(slot.period_us);

@@ -1,16 +1,22 @@
 //! Slots spread over frames: proofs for periods that need not divide each other.
 //!
-//! Take a slot of the shortest period B. Between two of its occurrences there is a frame, and every occurrence of every other slot lies within one frame.
-//! A slot of period T = p/q · B (in lowest terms) starts in one of p parts of length B/q of p frames, its *residue* r, and again after T: so it is in the
-//! frames ⌊(r + k·p)/q⌋ modulo p, for 0 ≤ k < q. Where B divides T, that is every p-th frame. Slots with p₁ and p₂ frames are together in a frame if and only
-//! if one of the frames of each agree modulo gcd(p₁, p₂), and any number of slots if each two of them do (Chinese remainder theorem).
+//! Take a slot of the shortest period B. Between two of its occurrences there is a frame, and every
+//! occurrence of every other slot lies within one frame. A slot of period T = p/q · B (in lowest
+//! terms) starts in one of p parts of length B/q of p frames, its *residue* r, and again after T:
+//! so it is in the frames ⌊(r + k·p)/q⌋ modulo p, for 0 ≤ k < q. Where B divides T, that is every
+//! p-th frame. Slots with p₁ and p₂ frames are together in a frame if and only if one of the frames
+//! of each agree modulo gcd(p₁, p₂), and any number of slots if each two of them do (Chinese
+//! remainder theorem).
 //!
-//! So each slot needs a residue such that in no frame the durations exceed B less what all slots of period B take. That leaves out where in its frame
-//! a slot starts: what has no such packing has no schedule, not the other way round.
+//! So each slot needs a residue such that in no frame the durations exceed B less what all slots of
+//! period B take. That leaves out where in its frame a slot starts: what has no such packing has no
+//! schedule, not the other way round.
 //!
-//! The search takes the kind of slot (p, q, duration) for which fewest residues are left. A kind that failed with a residue never takes it again below the
-//! same choices, for slots of a kind are interchangeable. Residues that an exchange of classes of frames turns into each other are tried once. Counts end
-//! a branch early: for each p, the slots whose p divides it share p bins, each as large as the fullest of its frames leaves.
+//! The search takes the kind of slot (p, q, duration) for which fewest residues are left. A kind
+//! that failed with a residue never takes it again below the same choices, for slots of a kind are
+//! interchangeable. Residues that an exchange of classes of frames turns into each other are tried
+//! once. Counts end a branch early: for each p, the slots whose p divides it share p bins, each as
+//! large as the fullest of its frames leaves.
 
 use std::collections::BTreeMap;
 
@@ -60,7 +66,8 @@ struct Class {
     frames: usize,
     /// q: how often they are in so many frames.
     turns: usize,
-    /// `reach[n]`: the longest sum of at most n units of durations whose number of frames divides this one. Empty where that table would be too large.
+    /// `reach[n]`: the longest sum of at most n units of durations whose number of frames divides
+    /// this one. Empty where that table would be too large.
     reach: Vec<u64>,
 }
 
@@ -86,7 +93,8 @@ pub(super) struct Frames {
 }
 
 impl Frames {
-    /// The packing of slots into frames of their shortest period. Slots for which there is no room in the tables are left out, which weakens it.
+    /// The packing of slots into frames of their shortest period. Slots for which there is no room
+    /// in the tables are left out, which weakens it.
     pub(super) fn new(slots: &[SlotSpec]) -> Self {
         let mut members: Vec<&SlotSpec> = slots.iter().collect();
         members.sort_by_key(|slot| (slot.period_us, slot.number));
@@ -284,7 +292,8 @@ impl Search<'_> {
         }
     }
 
-    /// For each class with slots left, what the frames that are equal modulo p leave: the least of them. Empty for the others.
+    /// For each class with slots left, what the frames that are equal modulo p leave: the least of
+    /// them. Empty for the others.
     fn bins(&self) -> Vec<Vec<u64>> {
         let mut is_needed = vec![false; self.classes.len()];
         for kind in self.kinds.iter().filter(|kind| kind.left > 0) {
@@ -309,7 +318,8 @@ impl Search<'_> {
             .collect()
     }
 
-    /// The kind for which fewest residues are left, with these; `None` where one has no residue left.
+    /// The kind for which fewest residues are left, with these; `None` where one has no residue
+    /// left.
     fn choose(&self, bins: &[Vec<u64>]) -> Option<(usize, Vec<usize>)> {
         let mut best: Option<(usize, usize)> = None;
         for (position, kind) in self.kinds.iter().enumerate() {
@@ -417,10 +427,13 @@ impl Search<'_> {
         true
     }
 
-    /// Whether an exchange of two classes of frames, which changes nothing for the slots that are left, turns one residue into the other.
+    /// Whether an exchange of two classes of frames, which changes nothing for the slots that are
+    /// left, turns one residue into the other.
     ///
-    /// Frames that are `from` modulo m change places with those `shift` further on. That keeps slots in every p-th frame in one piece if m divides p, and
-    /// any slots if p divides the shift. It changes nothing if the frames that change places leave equally much. With m = 1 all frames move on together.
+    /// Frames that are `from` modulo m change places with those `shift` further on. That keeps
+    /// slots in every p-th frame in one piece if m divides p, and any slots if p divides the shift.
+    /// It changes nothing if the frames that change places leave equally much. With m = 1 all
+    /// frames move on together.
     fn is_exchangeable(&self, class: &Class, from: usize, to: usize) -> bool {
         let frames = class.frames;
         let (from, to) = (from.min(to), from.max(to));
@@ -452,9 +465,11 @@ impl Search<'_> {
             .all(|frame| self.gaps[frame] == self.gaps[(frame + shift) % all])
     }
 
-    /// A number of frames that is `distance` modulo `frames`, and 0 modulo as much as possible of the rest.
+    /// A number of frames that is `distance` modulo `frames`, and 0 modulo as much as possible of
+    /// the rest.
     fn shift(&self, frames: usize, distance: usize) -> usize {
-        // The part of all frames that has no prime in common with where the distance differs from 0.
+        // The part of all frames that has no prime in common with where the distance differs
+        // from 0.
         let mut foreign = self.gaps.len();
         let differing = frames / gcd(frames as u64, distance as u64) as usize;
         loop {

@@ -1,8 +1,10 @@
 //! How much longer slots may last in a schedule that stands.
 //!
-//! Slot i ends before slot j begins if and only if C_i ≤ d_ij, with d_ij = (s_j − s_i) mod gcd(T_i, T_j). So what it may last is the smallest d_ij over all
-//! others, and its period where it is alone: exact, and nothing of it depends on the other durations. All slots may therefore grow together by the
-//! smallest of these ratios (the margin of evolution of Al Sheikh, Brun, Hladik, Prabhu 2011), and one alone by the difference.
+//! Slot i ends before slot j begins if and only if C_i ≤ d_ij, with d_ij = (s_j − s_i) mod gcd(T_i,
+//! T_j). So what it may last is the smallest d_ij over all others, and its period where it is
+//! alone: exact, and nothing of it depends on the other durations. All slots may therefore grow
+//! together by the smallest of these ratios (the margin of evolution of Al Sheikh, Brun, Hladik,
+//! Prabhu 2011), and one alone by the difference.
 
 use std::collections::BTreeMap;
 
@@ -11,13 +13,16 @@ use super::{SlotSpec, gcd};
 /// What a schedule leaves for longer durations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Growth {
-    /// By how many microseconds each slot may last longer while all others stay as they are, in the order of the slots.
+    /// By how many microseconds each slot may last longer while all others stay as they are, in the
+    /// order of the slots.
     pub alone_us: Vec<u32>,
-    /// By which factor all durations may be multiplied, each then cut to whole microseconds. `None` without a slot that lasts.
+    /// By which factor all durations may be multiplied, each then cut to whole microseconds. `None`
+    /// without a slot that lasts.
     pub together: Option<f64>,
 }
 
-/// The growth that a schedule leaves. Starts are right for the slots ([`super::check`]) and in their order.
+/// The growth that a schedule leaves. Starts are right for the slots ([`super::check`]) and in
+/// their order.
 pub fn growth(slots: &[SlotSpec], starts_us: &[u32]) -> Growth {
     let mut by_period: BTreeMap<u64, Vec<(usize, u64)>> = BTreeMap::new();
     for (index, (slot, &start_us)) in slots.iter().zip(starts_us).enumerate() {
@@ -65,8 +70,9 @@ pub fn growth(slots: &[SlotSpec], starts_us: &[u32]) -> Growth {
     Growth { alone_us, together }
 }
 
-/// How long after `start` the next of the sorted begins comes around a circle of `divisor`, the slot's own one left out. What begins with a slot that lasts has no
-/// duration, and comes a whole circle later; a slot without duration that begins with another has no room at all.
+/// How long after `start` the next of the sorted begins comes around a circle of `divisor`, the
+/// slot's own one left out. What begins with a slot that lasts has no duration, and comes a whole
+/// circle later; a slot without duration that begins with another has no room at all.
 fn next_begin(
     begins: &[(u64, usize)],
     index: usize,
@@ -141,7 +147,8 @@ mod tests {
             let factor = growth.together.expect("slots that last");
             let mut grown = slots.clone();
             for slot in &mut grown {
-                // A ratio of whole numbers below a hundred, times one of them: what is rounded is far smaller than this.
+                // A ratio of whole numbers below a hundred, times one of them: what is rounded is
+                // far smaller than this.
                 slot.duration_us = (f64::from(slot.duration_us) * factor + 1e-9) as u32;
             }
             prop_assert_eq!(check(&grown, &schedule.starts_us), Ok(()));

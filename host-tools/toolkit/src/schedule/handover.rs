@@ -1,8 +1,10 @@
 //! What becomes of the slots when a mission follows another on a robot that is on.
 //!
-//! Where the interpreter's slots of the two have one period, the starts of all slots go on counting from where they did; so a slot that
-//! both have, with the same number and period, goes on as if nothing had been if it has the same start in both. [`lay_out`] finds starts for the
-//! mission to come in which as few of these slots as possible move, and [`Handover`] says which do and how long each is not heard of.
+//! Where the interpreter's slots of the two have one period, the starts of all slots go on counting
+//! from where they did; so a slot that both have, with the same number and period, goes on as if
+//! nothing had been if it has the same start in both. [`lay_out`] finds starts for the mission to
+//! come in which as few of these slots as possible move, and [`Handover`] says which do and how
+//! long each is not heard of.
 
 use std::fmt;
 use std::time::Duration;
@@ -12,7 +14,8 @@ use serde::Serialize;
 
 use super::{Limit, Outcome, Schedule, SlotSpec, gcd, solve};
 
-/// How long one search of several may take. Tables of robots are laid out in milliseconds, or cannot be.
+/// How long one search of several may take. Tables of robots are laid out in milliseconds, or
+/// cannot be.
 const ONE_SEARCH: Duration = Duration::from_secs(1);
 
 /// The slots of a compiled mission, each with its start.
@@ -61,12 +64,14 @@ impl SlotTable {
     }
 }
 
-/// Starts for a mission that is to follow the `running` one, `next` being the mission's slots with starts that would do without it. Searches
-/// for at most about `limit`. What it gives has been checked; with another period of the interpreter, and where the search finds nothing, it
-/// is the starts of `next`.
+/// Starts for a mission that is to follow the `running` one, `next` being the mission's slots with
+/// starts that would do without it. Searches for at most about `limit`. What it gives has been
+/// checked; with another period of the interpreter, and where the search finds nothing, it is the
+/// starts of `next`.
 ///
-/// Slots that both have keep their starts: all of them if that is possible, else all but one (the one with the longest period for which it is),
-/// else as many as can, those with short periods first.
+/// Slots that both have keep their starts: all of them if that is possible, else all but one (the
+/// one with the longest period for which it is), else as many as can, those with short periods
+/// first.
 pub fn lay_out(running: &SlotTable, next: &SlotTable, limit: impl Into<Limit>) -> Schedule {
     let mut best = Schedule {
         starts_us: next.starts_us(),
@@ -149,9 +154,10 @@ fn shared(running: &SlotTable, next: &SlotTable) -> Vec<Shared> {
     shared
 }
 
-// ─── What is told ─────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── What is told ────────────────────────────────────────────────────────────────────────────────
 
-/// What becomes of the slots that two missions have when one follows the other, in the form of its JSON.
+/// What becomes of the slots that two missions have when one follows the other, in the form of its
+/// JSON.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Handover {
     /// Numbers of the slots that go on as they run.
@@ -173,8 +179,8 @@ pub struct MovedSlot {
     pub from_us: u32,
     /// Its start in the mission to come.
     pub to_us: u32,
-    /// The longest that it can take from its last start in the one mission to its first start in the other, in microseconds, wherever
-    /// the one takes over.
+    /// The longest that it can take from its last start in the one mission to its first start in
+    /// the other, in microseconds, wherever the one takes over.
     pub longest_gap_us: u64,
 }
 
@@ -252,8 +258,9 @@ impl fmt::Display for Handover {
     }
 }
 
-/// The longest time from a slot's last start before a take-over to its first one at or after it, in microseconds, where the take-over is at
-/// a multiple of `interpreter_us` and the slot's start, counted from the same origin, moves from `from_us` to `to_us`.
+/// The longest time from a slot's last start before a take-over to its first one at or after it, in
+/// microseconds, where the take-over is at a multiple of `interpreter_us` and the slot's start,
+/// counted from the same origin, moves from `from_us` to `to_us`.
 fn longest_gap_us(interpreter_us: u32, period_us: u32, from_us: u32, to_us: u32) -> u64 {
     let [period_us, from_us, to_us] = [period_us, from_us, to_us].map(u64::from);
     // Within the slot's period, take-overs fall on the multiples of this, and on each of them.
@@ -261,7 +268,8 @@ fn longest_gap_us(interpreter_us: u32, period_us: u32, from_us: u32, to_us: u32)
     if from_us == to_us {
         return period_us;
     }
-    // The next new start after an old one is a whole period too early where the take-over is behind it, and not behind the next old one.
+    // The next new start after an old one is a whole period too early where the take-over is behind
+    // it, and not behind the next old one.
     let is_skipped = to_us > from_us || from_us / step_us * step_us > to_us;
     (to_us + period_us - from_us) % period_us + if is_skipped { period_us } else { 0 }
 }
@@ -270,7 +278,8 @@ fn longest_gap_us(interpreter_us: u32, period_us: u32, from_us: u32, to_us: u32)
 fn longest_gap_anew_us(interpreter_us: u32, period_us: u32, from_us: u32, to_us: u32) -> u64 {
     let [period_us, from_us, to_us] = [period_us, from_us, to_us].map(u64::from);
     let step_us = gcd(interpreter_us.into(), period_us).max(1);
-    // The nearest that a take-over can be before an old start: from the start before that, the rest of the period has passed.
+    // The nearest that a take-over can be before an old start: from the start before that, the rest
+    // of the period has passed.
     period_us - from_us % step_us + to_us
 }
 
@@ -354,7 +363,8 @@ mod tests {
             (3, 20_000, 2_000, 6_000),
             (4, 40_000, 1_000, 8_500),
         ]);
-        // What is asked for, at starts that a search would have found without the running mission; which slots go on, and which move.
+        // What is asked for, at starts that a search would have found without the running mission;
+        // which slots go on, and which move.
         type Case<'c> = (&'c str, &'c [(u32, u32, u32, u32)], &'c [u32], &'c [u32]);
         let cases: &[Case<'_>] = &[
             (

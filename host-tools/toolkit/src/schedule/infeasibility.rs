@@ -18,19 +18,22 @@ pub enum Infeasibility {
     Utilisation {
         /// Sum of duration over period.
         utilisation: f64,
-        /// Numbers of those with the greatest shares, the greatest first: the others fit without them.
+        /// Numbers of those with the greatest shares, the greatest first: the others fit without
+        /// them.
         heaviest: Vec<u32>,
     },
     /// Slots that meet each other in every window of `window_us`, and do not fit in one together.
     Crowded {
         /// Their numbers.
         slots: Vec<u32>,
-        /// Length of the window in microseconds: every common divisor of two of their periods divides it.
+        /// Length of the window in microseconds: every common divisor of two of their periods
+        /// divides it.
         window_us: u64,
         /// Sum of their durations in microseconds.
         sum_us: u64,
     },
-    /// Slots that cannot be packed into frames as long as the shortest period among them: every way was tried or ruled out by counting.
+    /// Slots that cannot be packed into frames as long as the shortest period among them: every way
+    /// was tried or ruled out by counting.
     Packing {
         /// Their numbers: none of them can be left out.
         slots: Vec<u32>,
@@ -39,7 +42,8 @@ pub enum Infeasibility {
         /// Number of the longest of them.
         longest: u32,
     },
-    /// Slots that have no start times beside each other: every order of their occurrences was tried or ruled out.
+    /// Slots that have no start times beside each other: every order of their occurrences was tried
+    /// or ruled out.
     Orders {
         /// Their numbers: none of them can be left out.
         slots: Vec<u32>,

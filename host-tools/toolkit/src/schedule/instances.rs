@@ -1,20 +1,26 @@
-//! Sets of slots to try a search on: of the kinds that robots have, in any number, the same ones from the same seed.
+//! Sets of slots to try a search on: of the kinds that robots have, in any number, the same ones
+//! from the same seed.
 //!
-//! - **Random** ones: periods are drawn from a family with the weights that such tables have, the utilisation is shared out by UUniFast (Bini, Buttazzo
-//!   2005), durations are whole steps of 10 us, none longer than half the shortest period. Whether there is a schedule nobody knows.
-//! - **Planted** ones are cut from a full time line: a stretch that comes again with a period is cut in two, or its occurrences go to several slots
-//!   by turns. So there is a schedule, and at 100 % nothing is left over in it; for less, slots are made shorter.
+//! - **Random** ones: periods are drawn from a family with the weights that such tables have, the
+//!   utilisation is shared out by UUniFast (Bini, Buttazzo 2005), durations are whole steps of 10
+//!   us, none longer than half the shortest period. Whether there is a schedule nobody knows.
+//! - **Planted** ones are cut from a full time line: a stretch that comes again with a period is
+//!   cut in two, or its occurrences go to several slots by turns. So there is a schedule, and at
+//!   100 % nothing is left over in it; for less, slots are made shorter.
 //! - **Links**: messages on a serial line of 115,200 baud, as long as their bytes take.
-//! - **Tables**: the tasks of a loop, each every so many ticks, odd numbers among them; little load and a long hyperperiod.
+//! - **Tables**: the tasks of a loop, each every so many ticks, odd numbers among them; little load
+//!   and a long hyperperiod.
 //!
-//! The distribution of automotive periods is that of Kramer, Ziegenbein and Hamann (Real world automotive benchmarks for free, 2015).
+//! The distribution of automotive periods is that of Kramer, Ziegenbein and Hamann (Real world
+//! automotive benchmarks for free, 2015).
 
 use std::fmt;
 
 use super::SlotSpec;
 use super::random::Random;
 
-/// Durations are multiples of this, unless so many slots would take too much already if each lasted one step.
+/// Durations are multiples of this, unless so many slots would take too much already if each lasted
+/// one step.
 const STEP_US: u32 = 10;
 
 /// Periods that go together, with how often each is drawn.
@@ -119,8 +125,9 @@ impl fmt::Display for Kind {
 
 /// A set of `count` slots, at least one, that take about `percent` of the time.
 ///
-/// A kind gets as near to `percent` as its durations let it: a few slots of long periods cannot take all the time. Of some thousand
-/// planted slots there may be fewer, where nothing is left that can be cut.
+/// A kind gets as near to `percent` as its durations let it: a few slots of long periods cannot
+/// take all the time. Of some thousand planted slots there may be fewer, where nothing is left that
+/// can be cut.
 ///
 /// ```
 /// use esm_toolkit::schedule::instances::{Family, Kind, make};
@@ -197,7 +204,7 @@ fn shares(count: usize, random: &mut Random) -> Vec<f64> {
     shares
 }
 
-// ─── Random ───────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Random ──────────────────────────────────────────────────────────────────────────────────────
 
 /// Periods drawn from `periods_us`, durations shared out.
 fn drawn(periods_us: &[(u32, u64)], count: usize, percent: u32, random: &mut Random) -> Vec<Times> {
@@ -244,7 +251,7 @@ fn trim(times_us: &mut [Times], target: f64, step_us: u32, random: &mut Random) 
     }
 }
 
-// ─── Planted ──────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Planted ─────────────────────────────────────────────────────────────────────────────────────
 
 /// Cuts a time line up.
 fn cut(periods_us: &[(u32, u64)], count: usize, percent: u32, random: &mut Random) -> Vec<Times> {
@@ -305,7 +312,7 @@ fn turns(
     turns.get(random.index(turns.len())).copied()
 }
 
-// ─── Links and tables ─────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Links and tables ────────────────────────────────────────────────────────────────────────────
 
 /// Messages with so many bytes, each of ten bits, every so many milliseconds.
 fn messages(count: usize, percent: u32, random: &mut Random) -> Vec<Times> {

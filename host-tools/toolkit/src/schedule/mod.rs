@@ -1,8 +1,9 @@
 //! Start times of the slots: search, proof, check.
 //!
-//! Slots are strictly periodic and never preempt each other: slot i with period T_i and duration C_i needs one start s_i with
-//! 0 ≤ s_i < T_i such that no two occurrences of any slots ever overlap. Two slots i, j fit if and only if, with g = gcd(T_i, T_j),
-//! C_i ≤ (s_j − s_i) mod g ≤ g − C_j (Korst, Aarts, Lenstra). Nothing here ever lists the occurrences of a hyperperiod.
+//! Slots are strictly periodic and never preempt each other: slot i with period T_i and duration
+//! C_i needs one start s_i with 0 ≤ s_i < T_i such that no two occurrences of any slots ever
+//! overlap. Two slots i, j fit if and only if, with g = gcd(T_i, T_j), C_i ≤ (s_j − s_i) mod g ≤ g
+//! − C_j (Korst, Aarts, Lenstra). Nothing here ever lists the occurrences of a hyperperiod.
 //!
 //! ```
 //! use esm_toolkit::schedule::{Limit, Outcome, SlotSpec, check, solve};
@@ -51,14 +52,15 @@ pub use snap::{MAX_SNAP_PERCENT, RateChange, Snap, snap};
 use solve::solve_within;
 pub use solve::{overcommitted, solve};
 
-// ─── Report ───────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Report ──────────────────────────────────────────────────────────────────────────────────────
 
 /// What `esm schedule` tells, in the form of its JSON.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Whether there is a schedule; `None` where that is undecided.
     pub feasible: Option<bool>,
-    /// Least common multiple of the periods in microseconds, 1 without slots; `None` where it exceeds 64 bits.
+    /// Least common multiple of the periods in microseconds, 1 without slots; `None` where it
+    /// exceeds 64 bits.
     pub hyperperiod_us: Option<u64>,
     /// Sum of duration over period.
     pub utilisation: f64,
@@ -68,7 +70,8 @@ pub struct Report {
     pub reason: Option<String>,
     /// What to change, in words, where there is no schedule.
     pub cure: Option<String>,
-    /// By which factor all durations may grow together with these starts; `None` without a schedule, or where nothing lasts.
+    /// By which factor all durations may grow together with these starts; `None` without a
+    /// schedule, or where nothing lasts.
     pub growth_factor: Option<f64>,
     /// Changes of rates that make the slots easy; there only where they were asked for.
     #[serde(skip_serializing_if = "Option::is_none")]

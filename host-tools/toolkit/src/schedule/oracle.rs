@@ -1,4 +1,5 @@
-//! Whether small sets of slots have a schedule, by laying every occurrence out: slow, and obviously right. The search is held against it.
+//! Whether small sets of slots have a schedule, by laying every occurrence out: slow, and obviously
+//! right. The search is held against it.
 
 use std::time::Duration;
 
@@ -8,11 +9,13 @@ use super::{Infeasibility, Outcome, SlotSpec, check, exceeds_one, hyperperiod_us
 /// One bit a microsecond of the hyperperiod.
 type Occupied = Vec<u64>;
 
-/// Whether there are starts with which no occurrences of any slots overlap: all starts of all slots are tried, one slot after another.
+/// Whether there are starts with which no occurrences of any slots overlap: all starts of all slots
+/// are tried, one slot after another.
 pub(super) fn has_schedule(slots: &[SlotSpec]) -> bool {
     let hyperperiod_us = hyperperiod_us(slots).expect("small periods") as usize;
     let mut order: Vec<&SlotSpec> = slots.iter().collect();
-    // Given starts first, then what leaves the others least: the order changes how long it takes, not what comes out.
+    // Given starts first, then what leaves the others least: the order changes how long it takes,
+    // not what comes out.
     order.sort_by_key(|slot| {
         let share = u64::from(slot.duration_us) * 1_000 / u64::from(slot.period_us.max(1));
         (
@@ -30,7 +33,8 @@ pub(super) fn has_schedule(slots: &[SlotSpec]) -> bool {
     )
 }
 
-/// Places the first of the slots everywhere, and the others after it. `previous` is the slot before with its start.
+/// Places the first of the slots everywhere, and the others after it. `previous` is the slot before
+/// with its start.
 fn place(
     slots: &[&SlotSpec],
     previous: Option<(&SlotSpec, u32)>,
@@ -173,7 +177,8 @@ fn the_search_decides_small_sets_as_an_exhaustive_oracle_does() {
     }
 }
 
-/// Each change that a cure proposes takes the reason away: the slots that it names have a schedule then. Gives how many there are.
+/// Each change that a cure proposes takes the reason away: the slots that it names have a schedule
+/// then. Gives how many there are.
 fn check_cures(seed: u64, slots: &[SlotSpec], reason: &Infeasibility) -> usize {
     let named: Vec<SlotSpec> = match reason {
         Infeasibility::Crowded { slots: numbers, .. }

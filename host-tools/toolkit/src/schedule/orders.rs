@@ -1,20 +1,26 @@
 //! Orders: an exact search for a few slots of any periods.
 //!
-//! For two slots i and j with g = gcd(Tᵢ, Tⱼ), the difference sⱼ − sᵢ lies in one of the stretches from Cᵢ + k·g to (k + 1)·g − Cⱼ, k whole: *which* says in what
-//! order their occurrences come. Once k is chosen for each pair, what is left are bounds of differences, and whether these agree is a question of shortest
-//! paths (Bellman; Dechter, Meiri and Pearl 1991). So the search chooses stretches, keeps the tightest bounds of all differences, and moves bounds that lie between
-//! two stretches to the next one, which often leaves a pair but one stretch, or none. How finely time is divided does not matter, nor how long the periods are.
+//! For two slots i and j with g = gcd(Tᵢ, Tⱼ), the difference sⱼ − sᵢ lies in one of the stretches
+//! from Cᵢ + k·g to (k + 1)·g − Cⱼ, k whole: *which* says in what order their occurrences come.
+//! Once k is chosen for each pair, what is left are bounds of differences, and whether these agree
+//! is a question of shortest paths (Bellman; Dechter, Meiri and Pearl 1991). So the search chooses
+//! stretches, keeps the tightest bounds of all differences, and moves bounds that lie between two
+//! stretches to the next one, which often leaves a pair but one stretch, or none. How finely time
+//! is divided does not matter, nor how long the periods are.
 //!
-//! Not all differences need be looked at. All slots of a schedule can start later together, and each start counts modulo its period. So the first slot
-//! starts at 0; turned by multiples of its period, the second one starts before gcd(T₂, T₁); turned by multiples of both periods, the third one before
-//! gcd(T₃, lcm(T₁, T₂)); and so on. Where two equal slots have equally many starts to choose from, the first one comes first.
+//! Not all differences need be looked at. All slots of a schedule can start later together, and
+//! each start counts modulo its period. So the first slot starts at 0; turned by multiples of its
+//! period, the second one starts before gcd(T₂, T₁); turned by multiples of both periods, the third
+//! one before gcd(T₃, lcm(T₁, T₂)); and so on. Where two equal slots have equally many starts to
+//! choose from, the first one comes first.
 //!
 //! It says nothing of given starts: what has no schedule without them has none with them.
 
 use super::clock::Clock;
 use super::{SlotSpec, gcd};
 
-/// The most slots: each bound that moves compares all pairs. The depth of the recursion is at most the number of pairs.
+/// The most slots: each bound that moves compares all pairs. The depth of the recursion is at most
+/// the number of pairs.
 pub(super) const MAX_SLOTS: usize = 24;
 
 /// What a search came to.
@@ -28,7 +34,8 @@ pub(super) enum End {
     GivenUp,
 }
 
-/// Searches for starts of slots whose durations are above 0 and at most their periods. It counts the steps down that it makes: bounds that move.
+/// Searches for starts of slots whose durations are above 0 and at most their periods. It counts
+/// the steps down that it makes: bounds that move.
 pub(super) fn search(slots: &[SlotSpec], steps_left: &mut u64, clock: &mut Clock) -> End {
     if slots.len() > MAX_SLOTS {
         return End::GivenUp;
@@ -98,12 +105,14 @@ struct Pair {
     /// Durations.
     first_us: i64,
     second_us: i64,
-    /// How often it had no stretch left, and 1: such pairs are decided early (Boussemart and others 2004).
+    /// How often it had no stretch left, and 1: such pairs are decided early (Boussemart and others
+    /// 2004).
     failures: u64,
 }
 
 impl Pair {
-    /// The first and the last difference in a range with which the two do not overlap; `None` where there is none.
+    /// The first and the last difference in a range with which the two do not overlap; `None` where
+    /// there is none.
     fn clipped(&self, (mut low_us, mut high_us): (i64, i64)) -> Option<(i64, i64)> {
         let last_us = self.divisor_us - self.second_us;
         if self.first_us > last_us {
@@ -163,7 +172,8 @@ impl Bounds {
         }
     }
 
-    /// Adds that a slot starts at most so much later than another, and all that follows. Bounds the other way are not below that.
+    /// Adds that a slot starts at most so much later than another, and all that follows. Bounds the
+    /// other way are not below that.
     fn tighten(&mut self, earlier: usize, later: usize, most_us: i64) {
         let many = self.many;
         if self.most_us[earlier * many + later] <= most_us {
@@ -220,7 +230,8 @@ impl Search<'_> {
         None
     }
 
-    /// Moves all bounds to stretches, until none has to move. Gives whether each pair has a stretch left.
+    /// Moves all bounds to stretches, until none has to move. Gives whether each pair has a stretch
+    /// left.
     fn settle(&mut self, bounds: &mut Bounds) -> bool {
         let work = u32::try_from(self.pairs.len()).unwrap_or(u32::MAX);
         let mut is_settled = false;
@@ -247,7 +258,8 @@ impl Search<'_> {
         true
     }
 
-    /// The pair to decide next: of few stretches, and often in the way. `None` where each has but one.
+    /// The pair to decide next: of few stretches, and often in the way. `None` where each has but
+    /// one.
     fn choose(&self, bounds: &Bounds) -> Option<Pair> {
         let mut best: Option<(u64, &Pair)> = None;
         for pair in &self.pairs {

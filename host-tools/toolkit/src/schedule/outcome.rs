@@ -9,6 +9,7 @@ pub enum Outcome {
     Feasible(Schedule),
     /// There is none, and why.
     Infeasible(Infeasibility),
-    /// The search ended without an answer: its time ran out, or there are more than [`MAX_SLOTS`](super::MAX_SLOTS) slots.
+    /// The search ended without an answer: its time ran out, or there are more than
+    /// [`MAX_SLOTS`](super::MAX_SLOTS) slots.
     Undecided,
 }

@@ -1,6 +1,7 @@
 //! Proofs that there is no schedule, brought down to the slots that matter.
 //!
-//! Slots that have no schedule keep having none with more beside them. So each proof is made again with fewer slots, until none of them can be left out.
+//! Slots that have no schedule keep having none with more beside them. So each proof is made again
+//! with fewer slots, until none of them can be left out.
 
 use super::chain::{self, Chain, End as ChainEnd};
 use super::clock::Clock;
@@ -36,7 +37,8 @@ pub(super) fn by_packing(
 
 /// What packing says of slots. It counts the steps down that it makes.
 pub(super) fn packing(slots: &[SlotSpec], steps_left: &mut u64, clock: &mut Clock) -> Verdict {
-    // Periods that divide each other have a search that knows more of them: there, a packing is a schedule.
+    // Periods that divide each other have a search that knows more of them: there, a packing is a
+    // schedule.
     let lasting: Vec<SlotSpec> = slots
         .iter()
         .copied()
@@ -74,7 +76,8 @@ pub(super) fn smallest_core(slots: &[SlotSpec], clock: &mut Clock) -> Infeasibil
         steps_left -= before - steps;
         verdict == Verdict::Refuted
     };
-    // The shortest periods alone, if they prove it: those that repeat seldom are many, and matter least.
+    // The shortest periods alone, if they prove it: those that repeat seldom are many, and matter
+    // least.
     let ends: Vec<usize> = (1..core.len())
         .filter(|&end| core[end].period_us != core[end - 1].period_us)
         .collect();
@@ -136,7 +139,8 @@ pub(super) enum Ordered {
 /// The fewest slots whose orders are tried: the windows know all of two.
 const FEWEST_IN_ORDER: usize = 3;
 
-/// Tries all orders in which some of the slots can come: of a few, then of more and more, in the order given, as long as so many steps suffice. Durations are above 0.
+/// Tries all orders in which some of the slots can come: of a few, then of more and more, in the
+/// order given, as long as so many steps suffice. Durations are above 0.
 pub(super) fn by_orders(slots: &[SlotSpec], steps: u64, clock: &mut Clock) -> Ordered {
     for count in FEWEST_IN_ORDER..=slots.len() {
         let core = &slots[..count];

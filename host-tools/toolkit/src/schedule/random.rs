@@ -1,4 +1,5 @@
-//! Random choices of a search. They are the same in every run, so that equal slots get equal schedules.
+//! Random choices of a search. They are the same in every run, so that equal slots get equal
+//! schedules.
 
 /// SplitMix64 (Steele, Lea, Flood 2014).
 #[derive(Debug)]

@@ -1,16 +1,24 @@
 //! The search for start times: which method has its turn when.
 //!
-//! First a quick constructive one: slots are placed one after another into the gaps that are left, in a way that spreads the load, and if that leads nowhere,
-//! in one that wastes little. That is enough for most tables. Then a short search for columns, which lays out what fills all time; then proofs: chains of
-//! periods that the slots are or imply, searched exactly. Then those searches take turns that find schedules where little time is left, and beside them all
-//! orders of the slots that found no place most often; in the end an exhaustive one, for a few slots of odd periods. What was found where there is little room is evened out at the end, as far as that can be.
+//! First a quick constructive one: slots are placed one after another into the gaps that are left,
+//! in a way that spreads the load, and if that leads nowhere, in one that wastes little. That is
+//! enough for most tables. Then a short search for columns, which lays out what fills all time;
+//! then proofs: chains of periods that the slots are or imply, searched exactly. Then those
+//! searches take turns that find schedules where little time is left, and beside them all orders of
+//! the slots that found no place most often; in the end an exhaustive one, for a few slots of odd
+//! periods. What was found where there is little room is evened out at the end, as far as that can
+//! be.
 //!
-//! Turns are counted in steps, never in time: equal slots get equal answers, but where the limit cuts a search off.
+//! Turns are counted in steps, never in time: equal slots get equal answers, but where the limit
+//! cuts a search off.
 //!
-//! The exhaustive search rests on pushing left. Call a slot *held* if its start is given (or is 0, for one slot of a set without given starts, because a schedule
-//! can be turned as a whole), or if it begins exactly where a slot that is held ends, modulo the greatest common divisor of their periods. In any schedule, all slots
-//! that are not held can be moved earlier together, until one of them touches one that is held; what was held stays so. So if there is a schedule, there is one in
-//! which all are held, and a search that adds one slot at a time at such a place, whichever slot it is, misses none.
+//! The exhaustive search rests on pushing left. Call a slot *held* if its start is given (or is 0,
+//! for one slot of a set without given starts, because a schedule can be turned as a whole), or if
+//! it begins exactly where a slot that is held ends, modulo the greatest common divisor of their
+//! periods. In any schedule, all slots that are not held can be moved earlier together, until one
+//! of them touches one that is held; what was held stays so. So if there is a schedule, there is
+//! one in which all are held, and a search that adds one slot at a time at such a place, whichever
+//! slot it is, misses none.
 
 use std::cmp::Reverse;
 
@@ -24,14 +32,15 @@ use super::proof::{self, Ordered};
 use super::random::Random;
 use super::{Infeasibility, Outcome, Schedule, SlotSpec, check, gcd, spread};
 
-/// As many slots without a given start are searched exhaustively: with more, it would only burn the time that is left. It is also
-/// the depth of the recursion.
+/// As many slots without a given start are searched exhaustively: with more, it would only burn the
+/// time that is left. It is also the depth of the recursion.
 const MAX_EXHAUSTIVE: usize = 12;
 
 /// As many places are looked at in one step of the exhaustive search; more are beyond exhausting.
 const MAX_PLACES: usize = 100_000;
 
-/// Searches until there is an answer or the clock has run out. The slots fit alone, and together do not ask for too much.
+/// Searches until there is an answer or the clock has run out. The slots fit alone, and together do
+/// not ask for too much.
 pub(super) fn search(slots: &[SlotSpec], clock: &mut Clock) -> Outcome {
     let mut fixed: Vec<Placed> = Vec::new();
     let mut free: Vec<(usize, &SlotSpec)> = Vec::new();
@@ -55,7 +64,8 @@ pub(super) fn search(slots: &[SlotSpec], clock: &mut Clock) -> Outcome {
     outcome
 }
 
-/// Searches where there is little room: for a schedule without care for how the load is spread, or a proof.
+/// Searches where there is little room: for a schedule without care for how the load is spread, or
+/// a proof.
 fn search_tight(
     slots: &[SlotSpec],
     fixed: Vec<Placed>,
@@ -65,7 +75,8 @@ fn search_tight(
     if let Some(layout) = construct(&fixed, &free, Taste::Shared, clock) {
         return Outcome::Feasible(schedule_of(slots, &layout));
     }
-    // What has no duration needs no time, and what has two given starts or more cannot be turned as a whole.
+    // What has no duration needs no time, and what has two given starts or more cannot be turned as
+    // a whole.
     let is_plain = slots.iter().all(|slot| slot.duration_us > 0);
     let mut columns = if is_plain { Columns::new(slots) } else { None };
     if let Some(columns) = &mut columns
@@ -102,7 +113,8 @@ const PROOF_STEPS: u64 = 20_000;
 /// Steps of the first search of all orders of the slots that are hardest to place.
 const ORDERS_STEPS: u64 = 500;
 
-/// Work of the search for columns before proofs are looked for, for each slot, in pieces as the clock counts them.
+/// Work of the search for columns before proofs are looked for, for each slot, in pieces as the
+/// clock counts them.
 const FIRST_COLUMNS_WORK: u64 = 1_000;
 
 /// Work of one turn of the search for columns, for each slot.
@@ -177,7 +189,8 @@ fn take_turns(
     Outcome::Undecided
 }
 
-/// Tries all orders of the slots that are hardest to place, as many of them as the steps suffice for.
+/// Tries all orders of the slots that are hardest to place, as many of them as the steps suffice
+/// for.
 fn try_orders(
     slots: &[SlotSpec],
     hardest: &[usize],
@@ -263,7 +276,7 @@ fn schedule_of(slots: &[SlotSpec], layout: &[Placed]) -> Schedule {
     Schedule { starts_us }
 }
 
-// ─── Exhaustive search ────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Exhaustive search ───────────────────────────────────────────────────────────────────────────
 
 /// What a part of the exhaustive search came to.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -301,8 +314,8 @@ fn exhaust(
 
 struct Exhaustive<'c> {
     clock: &'c mut Clock,
-    /// Places that were tried on the way here, by slot and start: all schedules with one of them and the present layout are known not
-    /// to work.
+    /// Places that were tried on the way here, by slot and start: all schedules with one of them
+    /// and the present layout are known not to work.
     done: Vec<(usize, u64)>,
     /// How many arrangements came to a dead end.
     arrangements: u64,
@@ -353,7 +366,8 @@ impl Exhaustive<'_> {
         end
     }
 
-    /// All places at which a slot begins exactly where one that is placed ends. `None` where these are too many, or time ran out.
+    /// All places at which a slot begins exactly where one that is placed ends. `None` where these
+    /// are too many, or time ran out.
     fn places(&mut self, layout: &[Placed], rest: &[(usize, &SlotSpec)]) -> Option<Vec<Placed>> {
         let mut places: Vec<Placed> = Vec::new();
         for &(index, slot) in rest {

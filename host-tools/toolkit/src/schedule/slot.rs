@@ -2,7 +2,8 @@
 
 use crate::model::Model;
 
-/// The most slots that are laid out: more than any robot's table has, and few enough to compare each with each.
+/// The most slots that are laid out: more than any robot's table has, and few enough to compare
+/// each with each.
 pub const MAX_SLOTS: usize = esm_core::format::MAX_SLOTS as usize;
 
 /// What the search needs to know of a slot.
@@ -66,9 +67,11 @@ pub fn utilisation(times_us: impl Iterator<Item = (u32, u32)>) -> f64 {
         .fold(0.0, |sum, share| sum + share)
 }
 
-/// Whether duration over period of (period, duration) pairs sum up to more than 1: exactly, where [`utilisation`] rounds.
+/// Whether duration over period of (period, duration) pairs sum up to more than 1: exactly, where
+/// [`utilisation`] rounds.
 ///
-/// Sums that are nearer to 1 than 2⁻⁶⁴ a slot are worked out as a fraction; one whose denominator exceeds 128 bits counts as 1.
+/// Sums that are nearer to 1 than 2⁻⁶⁴ a slot are worked out as a fraction; one whose denominator
+/// exceeds 128 bits counts as 1.
 pub fn exceeds_one(times_us: impl Iterator<Item = (u32, u32)> + Clone) -> bool {
     const ONE: u128 = 1 << 64;
     let mut floor_sum = 0_u128;

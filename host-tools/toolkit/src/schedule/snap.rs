@@ -1,8 +1,12 @@
 //! Which small changes of rates make slots easy: `esm schedule --snap`.
 //!
-//! Three ways are tried. One *mends*: as long as there is a proof that there is no schedule, one of the slots that it names gets the nearest other period with
-//! which those slots have one. The other *lines up*: all periods move to a chain in which each divides the next, for then hardly anything speaks against a schedule,
-//! and everything repeats soon. One *evens out*: all periods become multiples of one unit, which takes smaller changes than a chain where rates are awkward. No period leaves the tolerance around the one that was declared. What comes out is solved and checked like any other set.
+//! Three ways are tried. One *mends*: as long as there is a proof that there is no schedule, one of
+//! the slots that it names gets the nearest other period with which those slots have one. The other
+//! *lines up*: all periods move to a chain in which each divides the next, for then hardly anything
+//! speaks against a schedule, and everything repeats soon. One *evens out*: all periods become
+//! multiples of one unit, which takes smaller changes than a chain where rates are awkward. No
+//! period leaves the tolerance around the one that was declared. What comes out is solved and
+//! checked like any other set.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -29,12 +33,14 @@ const MAX_SOLVED_CHAINS: usize = 12;
 const MAX_UNITS: u32 = 4_096;
 const MAX_PAIRS: usize = 2_000_000;
 
-/// As many sets of multiples are searched for a schedule, those with the smallest changes, with as many small pieces of work in all.
+/// As many sets of multiples are searched for a schedule, those with the smallest changes, with as
+/// many small pieces of work in all.
 const MAX_TRIED_UNITS: usize = 1_000;
 const EVEN_TICKS: u64 = 8_000_000;
 
-/// A long period may be a multiple of a power of two times the unit, so that fewer places are taken: of one that it holds as often as this at least. With 0 it is a
-/// multiple of the unit itself.
+/// A long period may be a multiple of a power of two times the unit, so that fewer places are
+/// taken: of one that it holds as often as this at least. With 0 it is a multiple of the unit
+/// itself.
 const FINENESS: [u32; 5] = [2, 4, 8, 16, 0];
 
 /// Small pieces of work that the search for one schedule may take.
@@ -84,8 +90,9 @@ impl Snap {
     }
 }
 
-/// Sets with schedules that slots turn into if no period changes by more than `percent`, the smallest total change first: one that is mended, one whose periods
-/// divide each other, and one that is evened out if that takes less than both, where they are found.
+/// Sets with schedules that slots turn into if no period changes by more than `percent`, the
+/// smallest total change first: one that is mended, one whose periods divide each other, and one
+/// that is evened out if that takes less than both, where they are found.
 pub fn snap(slots: &[SlotSpec], percent: u32) -> Vec<Snap> {
     let percent = percent.min(MAX_SNAP_PERCENT);
     let mended = mend(slots, percent);
@@ -97,7 +104,8 @@ pub fn snap(slots: &[SlotSpec], percent: u32) -> Vec<Snap> {
     let mut snaps: Vec<Snap> = mended.into_iter().chain(lined_up).collect();
     let least = (snaps.iter().map(Snap::total_percent)).fold(f64::INFINITY, f64::min);
     if least > 0.0 {
-        // Small changes first: where much is allowed, there are so many sets that the right one may not be reached.
+        // Small changes first: where much is allowed, there are so many sets that the right one may
+        // not be reached.
         let evened = [percent.div_ceil(4), percent.div_ceil(2), percent]
             .into_iter()
             .find_map(|percent| even_out(slots, percent));
@@ -108,7 +116,8 @@ pub fn snap(slots: &[SlotSpec], percent: u32) -> Vec<Snap> {
     snaps
 }
 
-/// The periods that a slot may have: not shorter than it lasts, and after its start if that is given.
+/// The periods that a slot may have: not shorter than it lasts, and after its start if that is
+/// given.
 fn range_us(slot: &SlotSpec, percent: u32) -> std::ops::RangeInclusive<u32> {
     let part_us = u64::from(slot.period_us) * u64::from(percent) / 100;
     let part_us = u32::try_from(part_us).unwrap_or(0);
@@ -150,7 +159,7 @@ fn solved(slots: &[SlotSpec], changed: Vec<SlotSpec>) -> Result<Snap, Outcome> {
     }
 }
 
-// ─── Mending ──────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Mending ─────────────────────────────────────────────────────────────────────────────────────
 
 /// Changes one period after another of what is proved to have no schedule.
 fn mend(slots: &[SlotSpec], percent: u32) -> Option<Snap> {
@@ -187,7 +196,7 @@ fn mend(slots: &[SlotSpec], percent: u32) -> Option<Snap> {
     None
 }
 
-// ─── Lining up ────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Lining up ───────────────────────────────────────────────────────────────────────────────────
 
 /// Slots with one period, as declared.
 struct Row {
@@ -200,7 +209,8 @@ struct Row {
     durations_us: [u32; 2],
 }
 
-/// Periods for the first rows, each of which divides the next, and what they cost: the sum of the changes of all slots, in millionths.
+/// Periods for the first rows, each of which divides the next, and what they cost: the sum of the
+/// changes of all slots, in millionths.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct Line {
     cost: u64,
@@ -244,7 +254,8 @@ fn with_periods(slots: &[SlotSpec], rows: &[Row], periods_us: &[u32]) -> Vec<Slo
     slots.iter().map(changed).collect()
 }
 
-/// What it costs that the slots of a row get another period: the sum of their changes, in millionths.
+/// What it costs that the slots of a row get another period: the sum of their changes, in
+/// millionths.
 fn cost(row: &Row, to_us: u32) -> u64 {
     u64::from(row.period_us.abs_diff(to_us)) * 1_000_000 / u64::from(row.period_us.max(1))
         * u64::from(row.count)
@@ -336,7 +347,7 @@ fn lines(rows: &[Row], base_us: u32) -> Vec<Line> {
     lines
 }
 
-// ─── Evening out ──────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Evening out ─────────────────────────────────────────────────────────────────────────────────
 
 /// The set of multiples of one unit with the smallest total change that has a schedule.
 fn even_out(slots: &[SlotSpec], percent: u32) -> Option<Snap> {
@@ -361,7 +372,8 @@ fn even_out(slots: &[SlotSpec], percent: u32) -> Option<Snap> {
         .and_then(|changed| solved(slots, changed).ok())
 }
 
-/// The multiples of a unit that come nearest to the periods of the rows. `None` where a row may have no multiple of it.
+/// The multiples of a unit that come nearest to the periods of the rows. `None` where a row may
+/// have no multiple of it.
 fn evened(rows: &[Row], unit_us: u32, fineness: u32) -> Option<Line> {
     let mut line = Line {
         cost: 0,
@@ -439,7 +451,8 @@ mod tests {
 
     #[test]
     fn what_is_only_mended_comes_beside_what_is_lined_up() {
-        // 10 and 25 ms have 5 ms in common: too little. 30 ms would do, and 11.25, 22.5 and 45 ms divide each other. Multiples of 9 ms are nearer than both.
+        // 10 and 25 ms have 5 ms in common: too little. 30 ms would do, and 11.25, 22.5 and 45 ms
+        // divide each other. Multiples of 9 ms are nearer than both.
         let times_us = [(10_000, 4_000), (25_000, 4_000), (45_000, 100)];
         let proposals = proposals(&times_us, 20);
         assert_eq!(
@@ -469,7 +482,8 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(48))]
 
-        /// Whatever is proposed has the schedule that comes with it, and stays within the tolerance.
+        /// Whatever is proposed has the schedule that comes with it, and stays within the
+        /// tolerance.
         #[test]
         fn proposals_hold_what_they_promise(
             times_us in proptest::collection::vec((prop::sample::select(vec![90_u32, 100, 110, 190, 200, 250, 330, 400]), 1..40_u32), 1..6),

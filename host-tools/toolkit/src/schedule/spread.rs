@@ -1,8 +1,10 @@
 //! Spreads the load of a schedule, so that slot 0 gets some time again and again.
 //!
-//! Time is looked at as frames as long as the shortest period, and a schedule is the better the more time its fullest frame leaves free; of two that are
-//! equal in that, the better is the one whose frames are fuller evenly (the sum of the squares of their loads is smaller). Period by period, all slots whose starts
-//! are not given leave their places and go back, longest first, each into the longest gap. Where that is no better, all stays as it was.
+//! Time is looked at as frames as long as the shortest period, and a schedule is the better the
+//! more time its fullest frame leaves free; of two that are equal in that, the better is the one
+//! whose frames are fuller evenly (the sum of the squares of their loads is smaller). Period by
+//! period, all slots whose starts are not given leave their places and go back, longest first, each
+//! into the longest gap. Where that is no better, all stays as it was.
 //!
 //! What would be much work is left alone: it is counted, so that equal slots get equal starts.
 
@@ -15,13 +17,15 @@ use super::{SlotSpec, gcd, hyperperiod_us};
 /// The most frames of a hyperperiod.
 const MAX_FRAMES: u64 = 1 << 16;
 
-/// The most occurrences of all slots in a hyperperiod, those of the shortest period left out: they are in every frame.
+/// The most occurrences of all slots in a hyperperiod, those of the shortest period left out: they
+/// are in every frame.
 const MAX_OCCURRENCES: u64 = 1 << 18;
 
 /// The most stretches on the circle of a period.
 const MAX_STRETCHES: u64 = 1 << 14;
 
-/// As many times shorter than the shortest period may a frame be, where that divides not all of the others.
+/// As many times shorter than the shortest period may a frame be, where that divides not all of the
+/// others.
 const MAX_PARTS: u64 = 8;
 
 /// How much time is taken in each frame of a hyperperiod, in microseconds.
@@ -34,7 +38,8 @@ pub(super) struct Loads {
 }
 
 impl Loads {
-    /// The loads of a schedule. `None` where there are too many frames or occurrences, or periods have little in common.
+    /// The loads of a schedule. `None` where there are too many frames or occurrences, or periods
+    /// have little in common.
     pub(super) fn of(slots: &[SlotSpec], starts_us: &[u32]) -> Option<Self> {
         let shortest_us = slots.iter().map(|slot| slot.period_us).min()?.into();
         let frame_us = slots.iter().fold(shortest_us, |common_us, slot| {
@@ -88,7 +93,8 @@ impl Loads {
         }
     }
 
-    /// The load of the fullest frame in microseconds, and how uneven they are: the less, the better.
+    /// The load of the fullest frame in microseconds, and how uneven they are: the less, the
+    /// better.
     pub(super) fn rating(&self) -> (u64, u128) {
         (
             self.loads_us.iter().copied().max().unwrap_or(0),
@@ -100,7 +106,8 @@ impl Loads {
     }
 }
 
-/// Moves slots so that the fullest frame leaves more time free, or frames are more even. The starts are those of a schedule before and after.
+/// Moves slots so that the fullest frame leaves more time free, or frames are more even. The starts
+/// are those of a schedule before and after.
 pub(super) fn even_out(slots: &[SlotSpec], starts_us: &mut [u32]) {
     // The work is counted, so that a schedule found just in time is spread as one found early.
     let mut clock = Clock::of_pieces(u64::MAX);
@@ -147,7 +154,8 @@ pub(super) fn even_out(slots: &[SlotSpec], starts_us: &mut [u32]) {
     }
 }
 
-/// The slots of a period whose starts are not given, each in the longest gap that it finds. `None` where not all find one, or that is much work.
+/// The slots of a period whose starts are not given, each in the longest gap that it finds. `None`
+/// where not all find one, or that is much work.
 fn placed_anew(
     slots: &[SlotSpec],
     starts_us: &[u32],

@@ -133,7 +133,8 @@ fn known_sets_and_their_answers() {
     }
 }
 
-/// What has no duration starts where another slot does, whichever of the two has the shorter period.
+/// What has no duration starts where another slot does, whichever of the two has the shorter
+/// period.
 #[test]
 fn a_slot_without_duration_may_start_where_another_does() {
     for (point_us, other_us) in [(4, 8), (8, 4), (4, 4)] {
@@ -306,12 +307,14 @@ fn the_report_has_the_form_that_programs_read() {
     );
 }
 
-/// Full tables with harmonic periods, made by cutting time up: there is a schedule, and nothing is left over in it.
+/// Full tables with harmonic periods, made by cutting time up: there is a schedule, and nothing is
+/// left over in it.
 #[test]
 fn full_harmonic_tables_are_laid_out() {
     for seed in 0..8 {
         let mut random = random::Random::new(seed);
-        // Pieces of (period, length): each is cut in two, or every second occurrence goes to another slot.
+        // Pieces of (period, length): each is cut in two, or every second occurrence goes to
+        // another slot.
         let mut pieces = vec![(4_000_u32, 4_000_u32)];
         while pieces.len() < 40 {
             let at = random.index(pieces.len());
@@ -337,7 +340,8 @@ fn full_harmonic_tables_are_laid_out() {
 
 #[test]
 fn a_proof_names_as_few_slots_as_prove_it() {
-    // Slot 1 leaves 6 us of each frame of 10 us, twice in 20 us. Of slots 3, 4 and 5 no two fit into one of these.
+    // Slot 1 leaves 6 us of each frame of 10 us, twice in 20 us. Of slots 3, 4 and 5 no two fit
+    // into one of these.
     let slots = slots(&[(10, 4), (80, 1), (20, 4), (20, 4), (20, 3), (40, 1)]);
     let Outcome::Infeasible(reason) = solve(&slots, LIMIT) else {
         panic!("there is no schedule");

@@ -1,8 +1,10 @@
-//! The machine alone, in virtual time: [`run`] drives the interpreter that the firmware has through a scenario.
+//! The machine alone, in virtual time: [`run`] drives the interpreter that the firmware has through
+//! a scenario.
 //!
-//! Tasks are stood in for by the scenario's inputs. Each takes effect before the first macro step at or after its time; an expectation
-//! is looked at after the first macro step at or after its. No flag changes by itself: what a robot's dispatchers would
-//! work out, such as busy flags, the scenario has to say.
+//! Tasks are stood in for by the scenario's inputs. Each takes effect before the first macro step
+//! at or after its time; an expectation is looked at after the first macro step at or after its. No
+//! flag changes by itself: what a robot's dispatchers would work out, such as busy flags, the
+//! scenario has to say.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -262,7 +264,8 @@ pub enum SimError {
 
 /// Runs a scenario and writes the trace. `directory` and `scenario` are of the same blob.
 ///
-/// Takes time in proportion to the macro steps up to the scenario's end, and memory for one of them.
+/// Takes time in proportion to the macro steps up to the scenario's end, and memory for one of
+/// them.
 ///
 /// # Errors
 /// If the trace cannot be written.

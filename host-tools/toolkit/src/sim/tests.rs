@@ -302,7 +302,8 @@ fn an_overflowing_transition_leaves_no_line() {
         .iter()
         .filter(|line| line.contains("\"sent\":[\"E\",\"E\"]"))
         .collect();
-    // The queue holds four: after the first micro step one E, then two, three, four; the next pair does not fit.
+    // The queue holds four: after the first micro step one E, then two, three, four; the next pair
+    // does not fit.
     let micro: Vec<&str> = sends
         .iter()
         .filter_map(|line| line.split("\"micro\":").nth(1)?.split(',').next())

@@ -1,8 +1,9 @@
 //! Where everything in a machine is, by name: the path of each state instance and of each flag.
 //!
-//! A path is region names and state names in turn from the root: `motion/Escape/turn/Back`. All paths are worked out once, so that
-//! writing a trace or reading a scenario costs a look-up. A directory is made of a verified blob; nothing else is needed to say what
-//! happened on a robot. Where the blob's names were left out, numbered ones may stand for them.
+//! A path is region names and state names in turn from the root: `motion/Escape/turn/Back`. All
+//! paths are worked out once, so that writing a trace or reading a scenario costs a look-up. A
+//! directory is made of a verified blob; nothing else is needed to say what happened on a robot.
+//! Where the blob's names were left out, numbered ones may stand for them.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -41,7 +42,8 @@ pub struct Directory {
     path_bytes: usize,
 }
 
-/// The most bytes of the paths of all states. Superstates that are nested thousands deep have paths that long that no trace of them can be read.
+/// The most bytes of the paths of all states. Superstates that are nested thousands deep have paths
+/// that long that no trace of them can be read.
 pub const MAX_PATH_BYTES: usize = 64 << 20;
 
 /// Why nothing can be said about what a blob does.
@@ -68,8 +70,8 @@ pub struct RegionEntry {
     pub path: String,
     /// The superstate that it is in, `None` at the root.
     pub owner: Option<StateId>,
-    /// The region instance where a walk through what is current goes on when it is done with this one and all in it; the number of
-    /// region instances where it ends.
+    /// The region instance where a walk through what is current goes on when it is done with this
+    /// one and all in it; the number of region instances where it ends.
     pub next: usize,
     /// Its local states: `initial`, its states in source order, `final`.
     pub locals: Vec<StateEntry>,
@@ -122,7 +124,8 @@ pub enum StateKind {
     },
     /// A superstate.
     Super {
-        /// The region instances in it, at any depth; the first one is the first region of its container.
+        /// The region instances in it, at any depth; the first one is the first region of its
+        /// container.
         inside: Range<usize>,
     },
 }
@@ -193,7 +196,8 @@ impl Directory {
         Self::with(tables, &names)
     }
 
-    /// The same; of a blob without names with [numbers](Numbered) for them, as `esm inspect` shows it.
+    /// The same; of a blob without names with [numbers](Numbered) for them, as `esm inspect` shows
+    /// it.
     ///
     /// # Errors
     /// [`NoDirectory::PathsTooLong`]
@@ -250,7 +254,8 @@ impl Directory {
         Ok(directory)
     }
 
-    /// The superstate around an instance, if there is one. `None` for tables that no verified blob has.
+    /// The superstate around an instance, if there is one. `None` for tables that no verified blob
+    /// has.
     fn owner_of(&self, superstates: &Superstates, instance: usize) -> Option<Option<StateId>> {
         let superstate = *superstates.get(instance)?;
         Some(superstate.and_then(|(region, state)| self.state_at(region, state)))
@@ -276,7 +281,8 @@ impl Directory {
         Some(path + own.sum::<usize>())
     }
 
-    /// A region instance, when all those before it are known. `None` for tables that no verified blob has.
+    /// A region instance, when all those before it are known. `None` for tables that no verified
+    /// blob has.
     fn region_entry(
         &self,
         tables: &Tables<'_>,
@@ -384,7 +390,8 @@ impl Directory {
         self.by_path.get(path).copied()
     }
 
-    /// The regions directly inside a superstate, or those of the machine for `None`, in source order.
+    /// The regions directly inside a superstate, or those of the machine for `None`, in source
+    /// order.
     pub fn regions_of(&self, owner: Option<StateId>) -> impl Iterator<Item = &RegionEntry> {
         let first = match owner {
             None => self.regions.first(),
@@ -442,8 +449,9 @@ impl Directory {
         Some(words)
     }
 
-    /// The local states that are current, depth first: regions in source order, each superstate followed by what is in it.
-    /// `current` gives the index in the blob of a region instance's current local state.
+    /// The local states that are current, depth first: regions in source order, each superstate
+    /// followed by what is in it. `current` gives the index in the blob of a region instance's
+    /// current local state.
     pub fn active(&self, mut current: impl FnMut(usize) -> usize) -> impl Iterator<Item = StateId> {
         let mut region = 0;
         std::iter::from_fn(move || {
@@ -469,7 +477,8 @@ impl Directory {
     }
 }
 
-/// Names for what has none: the word for its kind, and a number. No two are the same, and none is a reserved word. They are asked for in the order of a blob's name table.
+/// Names for what has none: the word for its kind, and a number. No two are the same, and none is a
+/// reserved word. They are asked for in the order of a blob's name table.
 #[derive(Debug, Default)]
 pub struct Numbered(HashMap<&'static str, usize>);
 
@@ -576,7 +585,8 @@ impl TemplateNames {
         Ok(names)
     }
 
-    /// The control flags of states, which are named by a task's signature or by the container inside.
+    /// The control flags of states, which are named by a task's signature or by the container
+    /// inside.
     fn add_flags(&mut self, tables: &Tables<'_>) {
         let task_flags: Vec<Vec<FlagEntry>> = tables
             .tasks()

@@ -1,8 +1,9 @@
 //! Traces: what a machine did, as JSON Lines.
 //!
-//! A [`TraceWriter`] is told what an interpreter did, in the indices of the blob, and writes lines in the names of the source. Whether
-//! the interpreter runs in this process or on a robot that streams its records makes no difference: there is one writer, so that
-//! traces can be compared byte by byte.
+//! A [`TraceWriter`] is told what an interpreter did, in the indices of the blob, and writes lines
+//! in the names of the source. Whether the interpreter runs in this process or on a robot that
+//! streams its records makes no difference: there is one writer, so that traces can be compared
+//! byte by byte.
 //!
 //! ```text
 //! {"kind":"transition","step":3,"micro":0,"t_us":30000,"event":"pulse","from":"motion/Cruise","to":"motion/Escape","sent":["Obstacle"],"set":["motion/Escape.fast"],"cleared":[]}
@@ -48,7 +49,8 @@ pub struct Lines {
     directory: Arc<Directory>,
     /// Paths of the local states as JSON strings, by region instance and local state.
     quoted: Vec<Vec<Box<str>>>,
-    /// What a transition line says behind its time, by region instance and transition: the same each time it is taken.
+    /// What a transition line says behind its time, by region instance and transition: the same
+    /// each time it is taken.
     tails: HashMap<(usize, usize), Box<str>>,
     /// Room for a line, kept from one to the next.
     line: Vec<u8>,
@@ -74,7 +76,8 @@ impl Lines {
 }
 
 impl<W: Write> TraceWriter<W> {
-    /// A writer for one mission's run. Takes time and memory in proportion to the machine's state instances.
+    /// A writer for one mission's run. Takes time and memory in proportion to the machine's state
+    /// instances.
     pub fn new(out: W, directory: Arc<Directory>) -> Self {
         TraceWriter {
             out,
@@ -89,7 +92,8 @@ impl<W: Write, L: BorrowMut<Lines>> TraceWriter<W, L> {
         TraceWriter { out, lines }
     }
 
-    /// A transition was taken, in the micro step with that number (from 0) of the macro step. One that the machine does not have is left out.
+    /// A transition was taken, in the micro step with that number (from 0) of the macro step. One
+    /// that the machine does not have is left out.
     ///
     /// # Errors
     /// When the line cannot be written.

@@ -10,8 +10,9 @@ use super::{Snapshot, Step, TraceWriter};
 
 /// Follows the records that a robot sends of one mission, and writes its trace.
 ///
-/// A robot says which macro step a transition belongs to when that step ends, so transitions are kept until then. Records that are no
-/// part of a trace (runs in slot 0, overruns, missed occurrences) change nothing here.
+/// A robot says which macro step a transition belongs to when that step ends, so transitions are
+/// kept until then. Records that are no part of a trace (runs in slot 0, overruns, missed
+/// occurrences) change nothing here.
 pub struct RecordTrace<W> {
     writer: TraceWriter<W>,
     period_us: u64,
@@ -200,8 +201,8 @@ mod tests {
         }
     }
 
-    /// Runs a machine whose first task sets its first flag before macro step 2 and reports its end before step 7; gives the records
-    /// and the trace that a writer makes of the same run.
+    /// Runs a machine whose first task sets its first flag before macro step 2 and reports its end
+    /// before step 7; gives the records and the trace that a writer makes of the same run.
     fn recorded(machine: &str, steps: u64) -> (Arc<Directory>, Vec<u8>, String) {
         let (directory, blob) = directory_and_blob(machine);
         let verified = esm_core::verify(&blob[..]).unwrap();

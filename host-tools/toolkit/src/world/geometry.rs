@@ -1,4 +1,5 @@
-//! Plane geometry of worlds: points, wall segments, outlines. Lengths in metres, `f64`, `libm` only.
+//! Plane geometry of worlds: points, wall segments, outlines. Lengths in metres, `f64`, `libm`
+//! only.
 
 /// A point of the plane, in metres.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -36,7 +37,8 @@ pub struct Segment {
 pub struct Hit {
     /// Distance from the ray's origin, in metres.
     pub distance_m: f64,
-    /// Cosine of the angle between the ray and the wall's normal: 1 for a ray straight at the wall, 0 for one along it.
+    /// Cosine of the angle between the ray and the wall's normal: 1 for a ray straight at the wall,
+    /// 0 for one along it.
     pub incidence_cos: f64,
 }
 

@@ -1,7 +1,8 @@
-//! Worlds: the walls around the robot, the rooms they make, the lines on their floors, and where the robot starts.
+//! Worlds: the walls around the robot, the rooms they make, the lines on their floors, and where
+//! the robot starts.
 //!
-//! A world is a text file, one entry a line; `#` starts a comment. Lengths are metres, x to the right and y to the top of the map; angles are
-//! degrees, counter-clockwise from x.
+//! A world is a text file, one entry a line; `#` starts a comment. Lengths are metres, x to the
+//! right and y to the top of the map; angles are degrees, counter-clockwise from x.
 //!
 //! ```text
 //! world cell                        # the name, once
@@ -11,7 +12,8 @@
 //! line 0.02 1,1 2,1 2,2             # a dark line on the light floor: its width, then two points or more
 //! ```
 //!
-//! Rooms give names to places and count what the robot has visited; where two overlap, the first in the file counts.
+//! Rooms give names to places and count what the robot has visited; where two overlap, the first in
+//! the file counts.
 
 mod geometry;
 
@@ -19,7 +21,8 @@ use std::path::PathBuf;
 
 pub use geometry::{Hit, Point, Segment, is_inside};
 
-/// The farthest from the origin that a coordinate may be, in metres: keeps sums of squares far from any loss of precision.
+/// The farthest from the origin that a coordinate may be, in metres: keeps sums of squares far from
+/// any loss of precision.
 pub const COORDINATE_LIMIT_M: f64 = 1_000.0;
 
 /// The most wall segments of a world: each ray of each ping looks at all of them.

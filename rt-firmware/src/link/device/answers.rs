@@ -1,4 +1,5 @@
-//! Answers for which nobody need be asked: what the robot is, how it is, what it was built with, and what was kept of the run before.
+//! Answers for which nobody need be asked: what the robot is, how it is, what it was built with,
+//! and what was kept of the run before.
 
 use core::sync::atomic::Ordering;
 

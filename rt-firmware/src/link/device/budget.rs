@@ -1,12 +1,15 @@
-//! How much time the link may take: what comes from outside never takes more of the processor than its share.
+//! How much time the link may take: what comes from outside never takes more of the processor than
+//! its share.
 //!
-//! Time that passes fills the budget, work empties it. What slots take meanwhile is neither. A request is
-//! carried out where something is left, however long it takes: so a signature, or the check of
-//! a blob, is done at once, and what it took beyond the budget is a debt that is to be paid back first.
+//! Time that passes fills the budget, work empties it. What slots take meanwhile is neither. A
+//! request is carried out where something is left, however long it takes: so a signature, or the
+//! check of a blob, is done at once, and what it took beyond the budget is a debt that is to be
+//! paid back first.
 
 use super::port::LinkPort;
 
-/// What the link owes is forgotten beyond this, in microseconds: so it looks at its line again in bounded time, whatever it was at.
+/// What the link owes is forgotten beyond this, in microseconds: so it looks at its line again in
+/// bounded time, whatever it was at.
 const MOST_DEBT_US: i32 = 2_000_000;
 /// How much it may owe and still look for a stop that was heard, to answer it.
 const DEBT_FOR_A_STOP_US: i32 = 50_000;

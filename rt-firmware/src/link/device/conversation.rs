@@ -1,9 +1,10 @@
 //! Who talks with the robot: anyone, or the owner in a session.
 //!
-//! Each has requests and answers of its own, so that what strangers send takes neither place nor answer from the owner.
+//! Each has requests and answers of its own, so that what strangers send takes neither place nor
+//! answer from the owner.
 //!
-//! *Invariant:* a request that comes again is told by all of its bytes, and is not carried out again: its answer is
-//! sent again. A stop is carried out whenever it comes.
+//! *Invariant:* a request that comes again is told by all of its bytes, and is not carried out
+//! again: its answer is sent again. A stop is carried out whenever it comes.
 
 use super::outgoing::{Outgoing, ProofOf};
 use esm_link::access::PROOF_BYTES;
@@ -127,8 +128,9 @@ impl Conversation {
         self.has_room_for(true)
     }
 
-    /// Whether there is room for an answer. One to a chunk gives way to the next: chunks come one behind the other, and
-    /// none of them waits for the wire to take the answer to the one before. It gives way to no other.
+    /// Whether there is room for an answer. One to a chunk gives way to the next: chunks come one
+    /// behind the other, and none of them waits for the wire to take the answer to the one before.
+    /// It gives way to no other.
     pub(super) fn has_room_for(&self, is_chunk: bool) -> bool {
         let gives_way = is_chunk && self.acknowledges && self.reply.is_unsent();
         self.waiting.len == 0 && (self.reply.is_done() || gives_way)
@@ -139,8 +141,8 @@ impl Conversation {
         self.waiting.set(message);
     }
 
-    /// Whether a message may wait for the wire to take the answer before: the first of another kind than that, so that
-    /// who asks for one thing again and again takes the line from nobody else.
+    /// Whether a message may wait for the wire to take the answer before: the first of another kind
+    /// than that, so that who asks for one thing again and again takes the line from nobody else.
     pub(super) fn may_wait(&self, kind: u8) -> bool {
         self.waiting.len == 0 && kind != self.replies_to
     }

@@ -1,6 +1,7 @@
 //! Where requests are carried out: who may, until when, and by whom each is done.
 //!
-//! *Invariant:* nothing is done for a request before it is known that whoever sent it may, and that it is not too late.
+//! *Invariant:* nothing is done for a request before it is known that whoever sent it may, and that
+//! it is not too late.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -85,7 +86,8 @@ pub(super) enum Reaction<'a> {
     Answer(Result<Response<'a>, LinkError>),
     /// The real-time side was asked.
     Later,
-    /// The real-time side was called: this is the answer when it has stopped for the wish of this number.
+    /// The real-time side was called: this is the answer when it has stopped for the wish of this
+    /// number.
     WhenStopped {
         wish: u32,
         result: Result<(), LinkError>,
@@ -93,8 +95,8 @@ pub(super) enum Reaction<'a> {
 }
 
 impl Desk<'_, '_> {
-    /// Who sent a request. Takes it out of what proves that. Nobody, where it is one that the owner has sent before
-    /// another.
+    /// Who sent a request. Takes it out of what proves that. Nobody, where it is one that the owner
+    /// has sent before another.
     pub(super) fn sender<'a>(
         &mut self,
         request: &Request<'a>,
@@ -165,7 +167,8 @@ impl Desk<'_, '_> {
         self.keys.open_session(safe, now_us, client, robot, proof)
     }
 
-    /// Carries a request out, if whoever sent it may. Answers its kind besides, or that of what it holds.
+    /// Carries a request out, if whoever sent it may. Answers its kind besides, or that of what it
+    /// holds.
     pub(super) fn react<'a, P: LinkPort>(
         &'a mut self,
         seq: u8,
@@ -191,7 +194,8 @@ impl Desk<'_, '_> {
         (of, reaction)
     }
 
-    /// Whether who sent a request may, and it is not too late for it. Takes it out of what it is in, and answers its deadline.
+    /// Whether who sent a request may, and it is not too late for it. Takes it out of what it is
+    /// in, and answers its deadline.
     fn allowed(
         &mut self,
         sender: Sender,
@@ -217,7 +221,8 @@ impl Desk<'_, '_> {
             return Err(LinkError::DeadlineTooFar);
         }
         let mut by_us = deadline.unwrap_or(NO_DEADLINE);
-        // Beside damaged records nothing is kept but a key of the same owner, which begins them anew.
+        // Beside damaged records nothing is kept but a key of the same owner, which begins them
+        // anew.
         if matches!(access, Access::Recovering | Access::Damaged)
             && needs(request) != Needs::Nothing
             && !matches!(request, Request::Challenge | Request::InstallKey { .. })

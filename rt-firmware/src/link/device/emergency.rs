@@ -32,7 +32,8 @@ impl Desk<'_, '_> {
         Ok(Response::Done)
     }
 
-    /// Lets the keeper remember a stop that the button has latched, so that it outlasts a loss of power, too. Once: a flash that does not take it wears out by asking again.
+    /// Lets the keeper remember a stop that the button has latched, so that it outlasts a loss of
+    /// power, too. Once: a flash that does not take it wears out by asking again.
     pub(super) fn keep_stop(&mut self, port: &mut impl LinkPort) {
         let is_latched = self.signs.emergency_stop.load(Ordering::Relaxed);
         if is_latched == self.stop_is_kept {

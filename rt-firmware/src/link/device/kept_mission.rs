@@ -1,4 +1,5 @@
-//! Missions that the board keeps: the one that the robot starts with, and what the keeper remembers of trials and parameters.
+//! Missions that the board keeps: the one that the robot starts with, and what the keeper remembers
+//! of trials and parameters.
 
 use super::desk::Desk;
 use super::port::LinkPort;
@@ -11,8 +12,9 @@ use crate::store::keep::Start;
 use esm_link::message::{LinkError, Swap};
 
 impl Desk<'_, '_> {
-    /// Starts the mission that the board's keeper has for the robot, if it has one and may start it: the keeper looks at its missions also if not. Returns false if that is to be tried again, for
-    /// the letter is under way.
+    /// Starts the mission that the board's keeper has for the robot, if it has one and may start
+    /// it: the keeper looks at its missions also if not. Returns false if that is to be tried
+    /// again, for the letter is under way.
     // Not inlined: what it needs of the stack is needed for nothing else.
     #[inline(never)]
     pub(super) fn start_kept(&mut self, port: &mut impl LinkPort, may_start: bool) -> bool {

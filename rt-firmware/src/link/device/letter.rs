@@ -1,6 +1,7 @@
 //! The letter to the real-time side, and the answer that it brings.
 //!
-//! *Invariant:* there is one letter. While it is away, who would need it is told [`Busy`](LinkError::Busy).
+//! *Invariant:* there is one letter. While it is away, who would need it is told
+//! [`Busy`](LinkError::Busy).
 
 use super::answers::text_part;
 use super::conversation::Sender;
@@ -21,7 +22,8 @@ impl<'m> Desk<'_, 'm> {
         }
     }
 
-    /// Sends the letter to the real-time side, with what was put into it: for the request that is carried out, if one is.
+    /// Sends the letter to the real-time side, with what was put into it: for the request that is
+    /// carried out, if one is.
     pub(super) fn post<'a>(&mut self) -> Reaction<'a> {
         let Some(letter) = self.letter.take() else {
             return Reaction::Answer(Err(LinkError::Busy));
@@ -31,7 +33,8 @@ impl<'m> Desk<'_, 'm> {
             Some(ticket) if !planted!(DeadlineForgotten) => ticket.by_us,
             _ => NO_DEADLINE,
         };
-        // First how many, then whether one is ahead: so none is overlooked that is heard in between.
+        // First how many, then whether one is ahead: so none is overlooked that is heard in
+        // between.
         let stops = self.signs.stops.count();
         let is_overtaken = self.place.is_stop_ahead(&self.signs.stops);
         let stops = (!is_overtaken).then_some(stops);
@@ -65,7 +68,8 @@ impl<'m> Desk<'_, 'm> {
         Some((self.asked.take(), letter))
     }
 
-    /// Keeps the letter until there is something to ask, and the buffer that is in one that could not be sent.
+    /// Keeps the letter until there is something to ask, and the buffer that is in one that could
+    /// not be sent.
     pub(super) fn put_away(&mut self, letter: &'m mut Letter<'m>) {
         self.tell_of_mission(false);
         match core::mem::replace(letter, Letter::Empty) {

@@ -1,8 +1,12 @@
 //! The robot's end of the link: takes frames, answers requests, sends streams where there is room.
 //!
-//! A board's bytes come and go by its `port`. What leaves is `outgoing` until the port has taken it: answers first, and `streams` where there is room. Requests are carried out at the `desk`,
-//! which sees to it that whoever sent one may (`signing`), and in time: some are `answers` of what this side knows, others take the `letter` to the real-time side. An upload is a transaction,
-//! from its `upload` to its `stage`. `kept_mission` is what the board keeps for the robot, and `stop` and `emergency` the stops that wait for no letter. `budget` is how much time all of it may take.
+//! A board's bytes come and go by its `port`. What leaves is `outgoing` until the port has taken
+//! it: answers first, and `streams` where there is room. Requests are carried out at the `desk`,
+//! which sees to it that whoever sent one may (`signing`), and in time: some are `answers` of what
+//! this side knows, others take the `letter` to the real-time side. An upload is a transaction,
+//! from its `upload` to its `stage`. `kept_mission` is what the board keeps for the robot, and
+//! `stop` and `emergency` the stops that wait for no letter. `budget` is how much time all of it
+//! may take.
 //!
 //! Whoever sends requests has a `conversation` of its own: anyone, or the owner in a session.
 //!
@@ -57,7 +61,8 @@ const OWNER: usize = CONVERSATIONS - 1;
 /// Bytes of the line after which the link looks at the time that it has taken.
 const BYTES_BETWEEN_LOOKS: u32 = 64;
 
-/// The link side of a runtime. A board polls it from a task of a low priority, when bytes have arrived or left, and now and then.
+/// The link side of a runtime. A board polls it from a task of a low priority, when bytes have
+/// arrived or left, and now and then.
 pub struct LinkSide<'q, 'm> {
     reader: FrameReader,
     conversations: [Conversation; CONVERSATIONS],
@@ -88,10 +93,12 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         }
     }
 
-    /// Starts the mission that the board's keeper has for the robot, if it has one. To be called once, before all else.
+    /// Starts the mission that the board's keeper has for the robot, if it has one. To be called
+    /// once, before all else.
     ///
-    /// A robot that was reset by a defect again and again, each time after no time, starts none: see [`Kept::may_start_by_itself`](crate::Kept::may_start_by_itself).
-    /// One whose board remembers an emergency stop starts it, too, and moves nothing.
+    /// A robot that was reset by a defect again and again, each time after no time, starts none:
+    /// see [`Kept::may_start_by_itself`](crate::Kept::may_start_by_itself). One whose board
+    /// remembers an emergency stop starts it, too, and moves nothing.
     pub fn start(&mut self, port: &mut impl LinkPort) {
         if port
             .keeper()
@@ -109,8 +116,9 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         StopListener::new(self.desk.signs, self.desk.about.kept)
     }
 
-    /// Does what can be done without waiting, as long as there is [time for it](LinkPort::LINK_PERCENT). Returns whether there is more to do at once: bytes to send that the port did not take,
-    /// or streams to go on with.
+    /// Does what can be done without waiting, as long as there is [time for
+    /// it](LinkPort::LINK_PERCENT). Returns whether there is more to do at once: bytes to send that
+    /// the port did not take, or streams to go on with.
     pub fn poll(&mut self, port: &mut impl LinkPort) -> bool {
         self.begin_turn(port);
         let now_us = port.now_us();
@@ -145,7 +153,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         signs.link_us.store(link_us, Ordering::Relaxed);
     }
 
-    /// Whether there is time for what comes next: for a stop that was heard also where there is none for others.
+    /// Whether there is time for what comes next: for a stop that was heard also where there is
+    /// none for others.
     fn may_receive(&mut self) -> bool {
         self.budget.is_left()
             || self.budget.is_left_for_a_stop()
@@ -164,7 +173,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             self.receive(port);
             // Where the real-time side was called, it has come already.
             self.tell_stopped();
-            // A frame that was begun comes first, then an answer, then streams: so an answer waits for one stream frame at most.
+            // A frame that was begun comes first, then an answer, then streams: so an answer waits
+            // for one stream frame at most.
             if self.stream.is_begun() && !self.stream.send(port) {
                 return true;
             }
@@ -190,7 +200,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         self.desk.signs.requests.load(Ordering::Relaxed)
     }
 
-    /// Whether an answer of the real-time side is awaited: a board may poll again after the next slot.
+    /// Whether an answer of the real-time side is awaited: a board may poll again after the next
+    /// slot.
     pub fn is_waiting(&self) -> bool {
         self.desk.asked.is_some() || self.conversations.iter().any(Conversation::awaits_stop)
     }
@@ -235,7 +246,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         }
     }
 
-    /// A frame is passed over: it is noise, or there is no time or no room for what it holds. Who sent it asks again.
+    /// A frame is passed over: it is noise, or there is no time or no room for what it holds. Who
+    /// sent it asks again.
     fn leave_out(&mut self) {
         self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
     }
@@ -243,7 +255,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// Takes a message that has arrived.
     fn take(&mut self, message: &[u8], port: &mut impl LinkPort) {
         let Ok(ToDevice { seq, request }) = parse(message) else {
-            // It arrived as it was sent, so that sending it again is no use: say so. Its number comes first.
+            // It arrived as it was sent, so that sending it again is no use: say so. Its number
+            // comes first.
             let seq = message.first().copied().unwrap_or_default();
             self.refuse(Answered { seq, of: UNKNOWN }, LinkError::Malformed);
             return;
@@ -330,7 +343,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         }
     }
 
-    /// Goes on with requests that waited: for the wire to take the answer before, or, the owner's, for what the real-time side does for a stranger.
+    /// Goes on with requests that waited: for the wire to take the answer before, or, the owner's,
+    /// for what the real-time side does for a stranger.
     fn go_on(&mut self, port: &mut impl LinkPort) {
         let mut room = [0; MAX_MESSAGE_BYTES];
         for place in [OWNER, ANYONE] {
@@ -408,7 +422,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             _ => keep_in_mind(letter, port.keeper()),
         };
         if let Letter::Released = letter {
-            // Pressed again while the flash was written, the button has latched a stop that is to be kept.
+            // Pressed again while the flash was written, the button has latched a stop that is to
+            // be kept.
             self.desk.stop_is_kept = false;
         }
         if let Some(asked) = asked

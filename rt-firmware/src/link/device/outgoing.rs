@@ -91,7 +91,8 @@ fn write(message: &FromDevice<'_>, proof: Option<&ProofOf>, frame: &mut [u8]) ->
             *place = session.of_answer(*number, answer);
         }
     };
-    // What does not fit is a defect of the message types, for which there is a test; then nothing is sent.
+    // What does not fit is a defect of the message types, for which there is a test; then nothing
+    // is sent.
     encode_with(message, frame, prove).unwrap_or(0) as u8
 }
 

@@ -1,9 +1,11 @@
-//! More comes over the line than can be answered: what is read while an answer waits for the wire, so that what waits behind it is not lost.
+//! More comes over the line than can be answered: what is read while an answer waits for the wire,
+//! so that what waits behind it is not lost.
 //!
-//! An answer is longer than most requests, so that whoever asks without a pause fills the queue, however fast the robot is. What is in
-//! it is then read on: chunks of an upload are taken, of which the last is answered as soon as there is room, and stops are
-//! carried out. Of the rest one request waits, of another kind than the one that is answered; what else there is is left out and counted, and
-//! whoever sent it asks again.
+//! An answer is longer than most requests, so that whoever asks without a pause fills the queue,
+//! however fast the robot is. What is in it is then read on: chunks of an upload are taken, of
+//! which the last is answered as soon as there is room, and stops are carried out. Of the rest one
+//! request waits, of another kind than the one that is answered; what else there is is left out and
+//! counted, and whoever sent it asks again.
 
 use super::LinkSide;
 use super::conversation::{Answered, AwaitedStop, Conversation, Sender, UntoldChunk};
@@ -12,8 +14,9 @@ use super::port::LinkPort;
 use super::upload::Upload;
 use esm_link::message::{Request, Response};
 
-/// With more bytes than this in the queue, and an answer on its way out, requests are read that are not answered: 22 ms of a line of 115,200 baud.
-/// A client that waits for its answers never comes to it.
+/// With more bytes than this in the queue, and an answer on its way out, requests are read that are
+/// not answered: 22 ms of a line of 115,200 baud. A client that waits for its answers never comes
+/// to it.
 const OVERLOAD_BYTES: i32 = 256;
 
 impl LinkSide<'_, '_> {
@@ -46,7 +49,8 @@ impl Desk<'_, '_> {
         self.upload.as_ref().map_or(0, Upload::received)
     }
 
-    /// Whether more waits than can be answered. A board without a [`StopListener`](crate::StopListener) does not know.
+    /// Whether more waits than can be answered. A board without a
+    /// [`StopListener`](crate::StopListener) does not know.
     pub(super) fn is_overloaded(&self) -> bool {
         self.place.bytes_behind(&self.signs.stops) > OVERLOAD_BYTES && !planted!(OverloadForgotten)
     }

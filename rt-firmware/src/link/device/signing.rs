@@ -1,4 +1,5 @@
-//! What requests have to do with the robot's key: signatures of requests and uploads, and the key itself.
+//! What requests have to do with the robot's key: signatures of requests and uploads, and the key
+//! itself.
 
 use super::desk::Desk;
 use super::port::LinkPort;
@@ -73,7 +74,8 @@ impl Desk<'_, '_> {
                 let is_unsigned = upload.signed.is_none();
                 match checked {
                     Ok(signed) => upload.signed = Some(signed),
-                    // The bytes may be somebody else's, under the owner's length and checksum: who went on with them would be refused for ever.
+                    // The bytes may be somebody else's, under the owner's length and checksum: who
+                    // went on with them would be refused for ever.
                     Err(LinkError::WrongSignature) if is_unsigned && !planted!(OthersBytesKept) => {
                         self.end_upload();
                     }
@@ -90,7 +92,8 @@ impl Desk<'_, '_> {
                 let installed = self
                     .keys
                     .install(safe, now_us, key, salt, secret, signature);
-                // What another key has signed is not signed. It may be there although the flash said no.
+                // What another key has signed is not signed. It may be there although the flash
+                // said no.
                 if let Some(upload) = &mut self.upload {
                     upload.signed = None;
                 }
@@ -104,7 +107,8 @@ impl Desk<'_, '_> {
         }
     }
 
-    /// Keeps the counter of a signed upload, before its mission runs: what follows is newer, whatever happens.
+    /// Keeps the counter of a signed upload, before its mission runs: what follows is newer,
+    /// whatever happens.
     pub(super) fn accept(
         &mut self,
         signed: Option<&SignedUpload>,

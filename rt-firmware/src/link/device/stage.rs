@@ -1,6 +1,8 @@
-//! The commit of an upload: it is checked from its length to its capacities, prepared, and handed over.
+//! The commit of an upload: it is checked from its length to its capacities, prepared, and handed
+//! over.
 //!
-//! *Invariant:* where a blob is refused, the mission that runs is as it was, and the buffer is back.
+//! *Invariant:* where a blob is refused, the mission that runs is as it was, and the buffer is
+//! back.
 
 use core::sync::atomic::Ordering;
 
@@ -105,7 +107,8 @@ impl<'m> Desk<'_, 'm> {
         }
     }
 
-    /// Makes what a mission needs, while the one before drives. Keeps the buffer of one that it cannot be made for.
+    /// Makes what a mission needs, while the one before drives. Keeps the buffer of one that it
+    /// cannot be made for.
     // Without `warm` there is nothing to make: inlined, nothing is moved on the stack either.
     #[cfg_attr(feature = "warm", inline(never))]
     #[cfg_attr(not(feature = "warm"), inline(always))]

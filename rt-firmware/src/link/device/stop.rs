@@ -1,4 +1,5 @@
-//! The host's stop, which waits for no letter: the real-time side looks for it before each exchange with the body.
+//! The host's stop, which waits for no letter: the real-time side looks for it before each exchange
+//! with the body.
 
 use super::LinkSide;
 use super::conversation::AwaitedStop;

@@ -12,8 +12,8 @@ use esm_link::frame::CRC_BYTES;
 use esm_link::message::{Channel, FromDevice, MAX_STREAM_BYTES, Stream};
 use esm_link::news::News;
 
-/// Bytes of a stream's frame beside those of the stream: kind, channel, number, continuation, count of dropped records (5), length,
-/// checksum, COBS, delimiter.
+/// Bytes of a stream's frame beside those of the stream: kind, channel, number, continuation, count
+/// of dropped records (5), length, checksum, COBS, delimiter.
 pub(super) const STREAM_OVERHEAD: usize = 1 + 1 + 1 + 1 + 5 + 1 + CRC_BYTES + 1 + 1;
 
 /// Streams.

@@ -1,4 +1,5 @@
-//! There is memory for two missions, and the link prepares the next while the one before still drives.
+//! There is memory for two missions, and the link prepares the next while the one before still
+//! drives.
 
 use core::marker::PhantomData;
 
@@ -59,7 +60,8 @@ impl<'m> Rooms<'m> {
         (rooms, OwnRoom(PhantomData))
     }
 
-    /// Makes of a mission that was [checked](crate::check) what it needs, and finds out what it has in common with the one that runs if it is to take over warm.
+    /// Makes of a mission that was [checked](crate::check) what it needs, and finds out what it has
+    /// in common with the one that runs if it is to take over warm.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn prepare(
         &mut self,
@@ -185,7 +187,8 @@ impl<'m> Upcoming<'m> {
 }
 
 impl<'m> RealTime<'_, 'm> {
-    /// Starts a mission in place of the one that runs. Answers how many regions go on as they were, the mission before, if there was one, and what goes back.
+    /// Starts a mission in place of the one that runs. Answers how many regions go on as they were,
+    /// the mission before, if there was one, and what goes back.
     pub(in crate::realtime) fn start_upcoming(
         &mut self,
         Upcoming { prepared, common }: Upcoming<'m>,

@@ -72,7 +72,8 @@ impl<'m> Upcoming<'m> {
 }
 
 impl<'m> RealTime<'_, 'm> {
-    /// Starts a mission in place of the one that runs, which ends first. Answers how many regions go on as they were, the mission before, if there was one, and what goes back.
+    /// Starts a mission in place of the one that runs, which ends first. Answers how many regions
+    /// go on as they were, the mission before, if there was one, and what goes back.
     pub(in crate::realtime) fn start_upcoming(
         &mut self,
         new: Upcoming<'m>,

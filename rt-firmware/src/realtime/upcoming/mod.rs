@@ -1,8 +1,10 @@
 //! A mission that is to take over, with all that can be made of it before.
 //!
-//! Where one mission can take over from another warm there is memory for both, and it travels with a mission's blob: the link makes what a mission needs while the one before still drives, and
-//! what is left for the interpreter's slot is to exchange the two. A firmware without the feature `warm` has memory for one, and makes what a mission needs in the slot, when the one before
-//! has ended.
+//! Where one mission can take over from another warm there is memory for both, and it travels with
+//! a mission's blob: the link makes what a mission needs while the one before still drives, and
+//! what is left for the interpreter's slot is to exchange the two. A firmware without the feature
+//! `warm` has memory for one, and makes what a mission needs in the slot, when the one before has
+//! ended.
 
 #[cfg(feature = "warm")]
 mod below;
@@ -47,7 +49,8 @@ pub(crate) struct Resting<'m> {
 }
 
 impl<'m> Prepared<'m> {
-    /// Of a mission that was [checked](crate::check). None if the room is too small for its interpreter, which that has found out.
+    /// Of a mission that was [checked](crate::check). None if the room is too small for its
+    /// interpreter, which that has found out.
     // Not inlined, as nothing here: no other mission should be made on top of this one.
     #[inline(never)]
     pub(crate) fn new(

@@ -1,8 +1,11 @@
-//! The space between two layers: lines that end in other columns than they begin get a row each for the way across.
+//! The space between two layers: lines that end in other columns than they begin get a row each for
+//! the way across.
 //!
-//! Channel routing in the manner of Hashimoto and Stevens (1971), with detours where lines would change places (Deutsch 1976).
+//! Channel routing in the manner of Hashimoto and Stevens (1971), with detours where lines would
+//! change places (Deutsch 1976).
 
-/// A line through the channel: its column at the top, and that at the bottom. Both are even; columns at the top differ, and so do those at the bottom.
+/// A line through the channel: its column at the top, and that at the bottom. Both are even;
+/// columns at the top differ, and so do those at the bottom.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Line {
     /// Column at the top, in cells.
@@ -48,7 +51,8 @@ pub fn lead(lines: &[Line]) -> Channel {
             });
         }
     }
-    // A stretch whose line comes down a column must lie above the one whose line leaves by that column.
+    // A stretch whose line comes down a column must lie above the one whose line leaves by that
+    // column.
     let mut below = followers(&stretches);
     let split = cut_circles(&mut stretches, &mut below);
 
@@ -56,7 +60,8 @@ pub fn lead(lines: &[Line]) -> Channel {
     for after in below.iter().flatten() {
         waiting_for[*after] += 1;
     }
-    // In this order lines that need not cross do not: of those to the right, the rightmost goes over first.
+    // In this order lines that need not cross do not: of those to the right, the rightmost goes
+    // over first.
     let mut rank: Vec<usize> = (0..stretches.len()).collect();
     rank.sort_by_key(|index| {
         let Stretch { from, to, .. } = stretches[*index];
@@ -129,8 +134,9 @@ fn followers(stretches: &[Stretch]) -> Vec<Vec<usize>> {
         .collect()
 }
 
-/// Lines that change places in a circle cannot all come first: one of each circle gets a detour through the odd column beside its start, which no other
-/// line uses. Gives the number of whole stretches; the second parts follow them.
+/// Lines that change places in a circle cannot all come first: one of each circle gets a detour
+/// through the odd column beside its start, which no other line uses. Gives the number of whole
+/// stretches; the second parts follow them.
 fn cut_circles(stretches: &mut Vec<Stretch>, below: &mut Vec<Vec<usize>>) -> usize {
     let whole = stretches.len();
     let mut walk = vec![0_usize; whole];
@@ -142,7 +148,8 @@ fn cut_circles(stretches: &mut Vec<Stretch>, below: &mut Vec<Vec<usize>>) -> usi
                 break;
             };
             if walk[after] == start + 1 {
-                // `after` closes the circle: what came before it goes before its second part instead.
+                // `after` closes the circle: what came before it goes before its second part
+                // instead.
                 let aside = stretches[after].from + 1;
                 let second = Stretch {
                     line: stretches[after].line,

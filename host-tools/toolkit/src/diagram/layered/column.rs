@@ -1,8 +1,11 @@
-//! The column of each vertex: long lines straight, nodes over the middle of their neighbours, nothing closer than its share.
+//! The column of each vertex: long lines straight, nodes over the middle of their neighbours,
+//! nothing closer than its share.
 //!
-//! After Brandes, Köpf, "Fast and Simple Horizontal Coordinate Assignment" (2001): vertices are aligned with their median neighbours to vertical blocks, from above
-//! and from below, from the left and from the right; each of the four is compacted, and the mean of the middle two is taken. Blocks are compacted by longest
-//! paths over the graph of neighbouring blocks, once to the left and then, as far as the neighbours let them, to the right.
+//! After Brandes, Köpf, "Fast and Simple Horizontal Coordinate Assignment" (2001): vertices are
+//! aligned with their median neighbours to vertical blocks, from above and from below, from the
+//! left and from the right; each of the four is compacted, and the mean of the middle two is taken.
+//! Blocks are compacted by longest paths over the graph of neighbouring blocks, once to the left
+//! and then, as far as the neighbours let them, to the right.
 
 use super::Ladder;
 
@@ -15,7 +18,8 @@ pub fn columns(ladder: &Ladder) -> Vec<i32> {
             candidates.push(candidate(ladder, &crossed, from_above, mirrored));
         }
     }
-    // Candidates are compared where they lie: all are moved onto the narrowest, those made from the left by their left edges.
+    // Candidates are compared where they lie: all are moved onto the narrowest, those made from the
+    // left by their left edges.
     let span = |columns: &[i32]| {
         let left = ladder.least_left(columns);
         let right = ladder.greatest_right(columns);
@@ -54,7 +58,8 @@ pub fn columns(ladder: &Ladder) -> Vec<i32> {
     columns
 }
 
-/// For each vertex the places among its upper neighbours (by position) whose line crosses a line between two passing vertices: such a line gives way.
+/// For each vertex the places among its upper neighbours (by position) whose line crosses a line
+/// between two passing vertices: such a line gives way.
 fn crossed_inner_lines(ladder: &Ladder) -> Vec<Vec<usize>> {
     let mut crossed = vec![Vec::new(); ladder.vertices.len()];
     for [upper, lower] in ladder.layers.array_windows() {

@@ -1,7 +1,10 @@
-//! Layered layout of one region: states in ranks from top to bottom, transitions in the channels between.
+//! Layered layout of one region: states in ranks from top to bottom, transitions in the channels
+//! between.
 //!
-//! The stages are those of Sugiyama, Tagawa and Toda, "Methods for Visual Understanding of Hierarchical System Structures" (1981): `rank`, `order`,
-//! `column`, `channel`. Between any two ranks lies a layer for labels, so that a label is a vertex with a size, and nothing is ever led through it.
+//! The stages are those of Sugiyama, Tagawa and Toda, "Methods for Visual Understanding of
+//! Hierarchical System Structures" (1981): `rank`, `order`, `column`, `channel`. Between any two
+//! ranks lies a layer for labels, so that a label is a vertex with a size, and nothing is ever led
+//! through it.
 
 mod channel;
 mod column;
@@ -50,7 +53,8 @@ pub struct Spacing {
 /// The finished layout of a region, its upper left corner at the origin.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Placement {
-    /// For each node its box, without what stands beside it: wider than asked for where its lines need that.
+    /// For each node its box, without what stands beside it: wider than asked for where its lines
+    /// need that.
     pub nodes: Vec<Area>,
     /// For each edge its corners from source to target.
     pub routes: Vec<Vec<Spot>>,
@@ -155,7 +159,8 @@ struct Chain {
 /// Lays a region out.
 ///
 /// # Errors
-/// If its transitions are so many and so long that they would need more than [`MAX_VERTICES`] vertices.
+/// If its transitions are so many and so long that they would need more than [`MAX_VERTICES`]
+/// vertices.
 pub fn arrange(nodes: &[Node], edges: &[Edge], spacing: Spacing) -> Result<Placement, TooTangled> {
     let pairs: Vec<[usize; 2]> = edges.iter().map(|edge| [edge.from, edge.to]).collect();
     let rank = rank::ranks(nodes.len(), &pairs).rank;
@@ -177,7 +182,8 @@ pub fn arrange(nodes: &[Node], edges: &[Edge], spacing: Spacing) -> Result<Place
     Ok(trace(nodes, edges, &ladder, &chains, &columns, spacing))
 }
 
-/// Nodes with room for all their lines: above and below, each has a column of its own between the corners.
+/// Nodes with room for all their lines: above and below, each has a column of its own between the
+/// corners.
 fn widened(nodes: &[Node], pairs: &[[usize; 2]], rank: &[usize]) -> Vec<Node> {
     let mut lines = vec![[0_i32; 2]; nodes.len()];
     for [from, to] in pairs {
@@ -271,7 +277,8 @@ fn build(
 /// Lanes by which a node grows on each side, at most, so that its lines become straight.
 const GROWTH: i32 = 8;
 
-/// Nodes that grow a little where that makes lines straight and there is room. `columns` are in cells.
+/// Nodes that grow a little where that makes lines straight and there is room. `columns` are in
+/// cells.
 fn straightened(nodes: &[Node], ladder: &Ladder, columns: &[i32]) -> Vec<Node> {
     let grown = |(index, node): (usize, &Node)| {
         let layer = &ladder.layers[ladder.vertices[index].layer];

@@ -1,7 +1,9 @@
 //! The order of the vertices within their layers, so that few lines cross.
 //!
-//! Sweeps down and up sort each layer by the mean position of the neighbours (Sugiyama, Tagawa, Toda 1981); neighbours in a layer then change places where
-//! that saves crossings (Gansner, Koutsofios, North, Vo 1993). Crossings are counted as inversions in a Fenwick tree (after Barth, Jünger, Mutzel 2002).
+//! Sweeps down and up sort each layer by the mean position of the neighbours (Sugiyama, Tagawa,
+//! Toda 1981); neighbours in a layer then change places where that saves crossings (Gansner,
+//! Koutsofios, North, Vo 1993). Crossings are counted as inversions in a Fenwick tree (after Barth,
+//! Jünger, Mutzel 2002).
 
 use super::Ladder;
 
@@ -44,7 +46,8 @@ pub fn sort(ladder: &mut Ladder) {
     ladder.number();
 }
 
-/// Sorts one layer by its neighbours above or below. Vertices without such keep their places. `mirrored` turns those of equal rank around.
+/// Sorts one layer by its neighbours above or below. Vertices without such keep their places.
+/// `mirrored` turns those of equal rank around.
 fn sort_layer(ladder: &mut Ladder, layer: usize, by_upper: bool, mirrored: bool) {
     let mut places = Vec::new();
     let mut movable = Vec::new();

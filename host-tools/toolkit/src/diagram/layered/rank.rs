@@ -1,8 +1,10 @@
 //! Which node stands in which rank, so that most transitions lead downwards and few are long.
 //!
-//! A machine goes round in circles, a layered drawing does not: some edges are drawn upwards. Several orders of the nodes are tried (edges against the order
-//! are the ones that point up), and the one that makes the edges shortest in all is taken. For each, ranks are longest paths from the top (Sugiyama,
-//! Tagawa, Toda 1981), and nodes then move towards the side on which they have more neighbours (after Gansner, Koutsofios, North, Vo 1993).
+//! A machine goes round in circles, a layered drawing does not: some edges are drawn upwards.
+//! Several orders of the nodes are tried (edges against the order are the ones that point up), and
+//! the one that makes the edges shortest in all is taken. For each, ranks are longest paths from
+//! the top (Sugiyama, Tagawa, Toda 1981), and nodes then move towards the side on which they have
+//! more neighbours (after Gansner, Koutsofios, North, Vo 1993).
 
 use std::collections::VecDeque;
 
@@ -13,10 +15,12 @@ pub struct Ranking {
     pub rank: Vec<usize>,
 }
 
-/// How often all nodes are offered a better rank. Chains of moves longer than this are rare, and cost only length.
+/// How often all nodes are offered a better rank. Chains of moves longer than this are rare, and
+/// cost only length.
 const TIGHTENING_ROUNDS: usize = 12;
 
-/// Ranks `nodes` nodes so that no edge stays within a rank. Edges from a node to itself are not among `edges`.
+/// Ranks `nodes` nodes so that no edge stays within a rank. Edges from a node to itself are not
+/// among `edges`.
 pub fn ranks(nodes: usize, edges: &[[usize; 2]]) -> Ranking {
     let mut leaving = vec![Vec::new(); nodes];
     for [from, to] in edges {
@@ -39,7 +43,8 @@ pub fn ranks(nodes: usize, edges: &[[usize; 2]]) -> Ranking {
             .sum();
         let upwards = edges.iter().filter(|[from, to]| rank[*from] > rank[*to]);
         let height = rank.iter().max().copied().unwrap_or(0);
-        // Length is what makes a drawing tangled; height and direction decide where that is equal or nearly so.
+        // Length is what makes a drawing tangled; height and direction decide where that is equal
+        // or nearly so.
         (2 * length + upwards.count() + 2 * height, Ranking { rank })
     });
     rankings
@@ -68,7 +73,8 @@ fn breadth_first(leaving: &[Vec<usize>]) -> Vec<usize> {
     order
 }
 
-/// The nodes in an order in which only edges back into the present path of a depth-first walk point backwards.
+/// The nodes in an order in which only edges back into the present path of a depth-first walk point
+/// backwards.
 fn depth_first(leaving: &[Vec<usize>]) -> Vec<usize> {
     let mut met = vec![false; leaving.len()];
     let mut left = Vec::with_capacity(leaving.len());

@@ -1,11 +1,15 @@
 //! Which events each container lists, and how, from what the blob says of those who listen.
 //!
-//! A blob has no lists of events: it has, for each instance and each event sent there, the region instances that listen. There is one way through the tree from the sender to each
-//! of them, up and then down: on the way up each container must list the event as `out event`, on the way down as `in event`. That is all that comes back. Every list that makes the
-//! event heard by all who listen has at least these, so whoever else could hear it by these lists alone would listen according to the blob, too.
+//! A blob has no lists of events: it has, for each instance and each event sent there, the region
+//! instances that listen. There is one way through the tree from the sender to each of them, up and
+//! then down: on the way up each container must list the event as `out event`, on the way down as
+//! `in event`. That is all that comes back. Every list that makes the event heard by all who listen
+//! has at least these, so whoever else could hear it by these lists alone would listen according to
+//! the blob, too.
 //!
-//! Events that a container only sends or receives are local to it. The order of the lists is that of the events' numbers, which is the order in which a
-//! mission names them first; an event that nothing uses is listed where its number needs it.
+//! Events that a container only sends or receives are local to it. The order of the lists is that
+//! of the events' numbers, which is the order in which a mission names them first; an event that
+//! nothing uses is listed where its number needs it.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
@@ -227,7 +231,8 @@ impl<'t> Forwarding<'t> {
         Ok(())
     }
 
-    /// Down the way from which the first sender of the row sent, which was no way down for that one.
+    /// Down the way from which the first sender of the row sent, which was no way down for that
+    /// one.
     fn look_between(&mut self, sender: usize, event: usize, row: &Row) -> Result<(), NoSource> {
         let mut at = row.first_sender;
         while !self.tree.holds(at, sender) {

@@ -1,11 +1,15 @@
 //! A blob back to a source that compiles to the same blob, byte for byte.
 //!
-//! What a blob does not keep is worked out or left out. Which events a container lists ([`events`]) and which data ports and paths it has ([`ports`]) follow from what all its instances
-//! do; whether a flag is `in` or `out` follows from who reads and writes it; transitions keep the order that matters ([`order`]). Containers pass on the events that somebody listens to; the blob has no trace of others. Comments, execution times, ranges of parameters, and what
-//! the machine does not use are gone: they leave no byte.
+//! What a blob does not keep is worked out or left out. Which events a container lists ([`events`])
+//! and which data ports and paths it has ([`ports`]) follow from what all its instances do; whether
+//! a flag is `in` or `out` follows from who reads and writes it; transitions keep the order that
+//! matters ([`order`]). Containers pass on the events that somebody listens to; the blob has no
+//! trace of others. Comments, execution times, ranges of parameters, and what the machine does not
+//! use are gone: they leave no byte.
 //!
-//! A source is only given out when it has been compiled and found to make the blob that it came from. Every blob of the compiler passes; a verified blob that somebody made by hand
-//! may not be the blob of any source, and then [`NoSource`] says why.
+//! A source is only given out when it has been compiled and found to make the blob that it came
+//! from. Every blob of the compiler passes; a verified blob that somebody made by hand may not be
+//! the blob of any source, and then [`NoSource`] says why.
 
 mod events;
 mod order;
@@ -29,7 +33,8 @@ use crate::schedule::Limit;
 /// What a source is called while it is compiled.
 const SOURCE_NAME: &str = "inspected.esm";
 
-/// Why a blob cannot be given back as source. None of these happens to a blob that `esm build` made.
+/// Why a blob cannot be given back as source. None of these happens to a blob that `esm build`
+/// made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoSource {
     /// A name is none.
@@ -125,8 +130,9 @@ pub enum NoSource {
     },
 }
 
-/// The source of a blob whose texts were [checked](esm_core::texts::check). A blob without names gets made-up ones, and is the same again when its source is compiled
-/// without names. Start times of the slots are searched for as long as `limit` says: as long as for the blob itself.
+/// The source of a blob whose texts were [checked](esm_core::texts::check). A blob without names
+/// gets made-up ones, and is the same again when its source is compiled without names. Start times
+/// of the slots are searched for as long as `limit` says: as long as for the blob itself.
 ///
 /// # Errors
 /// See [`NoSource`].
@@ -147,7 +153,8 @@ pub fn source(blob: &Verified<Vec<u8>>, limit: impl Into<Limit>) -> Result<Strin
         containers: ports::children_first(&reader, tables.containers().len()),
     };
     let source = text::write(&reader, blob, &parts)?;
-    // One that has syntax errors, since a task of the blob is called `set` for instance, is refused below.
+    // One that has syntax errors, since a task of the blob is called `set` for instance, is refused
+    // below.
     let source = lang::format::format(SOURCE_NAME, source.as_bytes()).unwrap_or(source);
     compiles_to(&source, blob, limit.into())?;
     Ok(source)
@@ -265,7 +272,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// For each control flag of each container, whether it is an `out` flag. A flag that nobody outside writes or reads, and nobody inside writes, is `in`.
+    /// For each control flag of each container, whether it is an `out` flag. A flag that nobody
+    /// outside writes or reads, and nobody inside writes, is `in`.
     fn flags_out(&self) -> Result<Vec<Vec<bool>>, NoSource> {
         let tables = &self.tables;
         let none_of: Vec<Vec<bool>> = tables

@@ -1,8 +1,9 @@
 //! An order of a container's transitions.
 //!
-//! A blob keeps the transitions state by state, in each those on the pulse first, and that is the order to give them back in. But a container also has its events
-//! in the order in which its transitions first send them, and so a source in which that is not the order of the states is given back with some of its transitions
-//! in another place.
+//! A blob keeps the transitions state by state, in each those on the pulse first, and that is the
+//! order to give them back in. But a container also has its events in the order in which its
+//! transitions first send them, and so a source in which that is not the order of the states is
+//! given back with some of its transitions in another place.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap, HashMap};
@@ -16,8 +17,9 @@ pub(super) struct Sent {
 }
 
 impl Sent {
-    /// Puts the transitions of a region in order. `chains` are those that must keep their order among themselves; `sends` gives the
-    /// events of one, counted in the container. `None` if there is no order.
+    /// Puts the transitions of a region in order. `chains` are those that must keep their order
+    /// among themselves; `sends` gives the events of one, counted in the container. `None` if there
+    /// is no order.
     pub(super) fn order(
         &mut self,
         chains: &[Range<usize>],
@@ -25,7 +27,8 @@ impl Sent {
     ) -> Option<Vec<usize>> {
         let count = chains.iter().map(ExactSizeIterator::len).sum();
         let mut order = Vec::with_capacity(count);
-        // Transitions whose turn it is in their chain: those that can come now, and those that need some event to be sent before.
+        // Transitions whose turn it is in their chain: those that can come now, and those that need
+        // some event to be sent before.
         let mut ready = BinaryHeap::new();
         let mut waiting: BTreeMap<usize, Vec<(usize, usize)>> = BTreeMap::new();
         for chain in chains.iter().filter(|chain| !chain.is_empty()) {
@@ -59,7 +62,8 @@ impl Sent {
     }
 }
 
-/// How many events must have been sent before a transition, so that those which it is the first to send come in their order.
+/// How many events must have been sent before a transition, so that those which it is the first to
+/// send come in their order.
 fn first_needed(sends: &[usize]) -> usize {
     let mut places = HashMap::new();
     for (place, event) in sends.iter().enumerate() {

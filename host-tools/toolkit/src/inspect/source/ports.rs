@@ -1,15 +1,20 @@
 //! Data ports and paths of each container, from the nets of the instance tree.
 //!
-//! A blob has no containers' ports and no paths: it has, for each port of each task instance, the net that it is on. What comes back are containers' ports and
-//! paths that give the same nets; they are not always those of the source, but they are the simplest.
+//! A blob has no containers' ports and no paths: it has, for each port of each task instance, the
+//! net that it is on. What comes back are containers' ports and paths that give the same nets; they
+//! are not always those of the source, but they are the simplest.
 //!
-//! Containers are taken one after another, each behind those that it uses. Its *ends* are the ports of its task states, and those that were given to the containers of its
-//! superstates. Ends that are on one net in every instance of the container are a *group*, joined by one path. Where the net of a group, in any instance, has ports
-//! outside of the group, the container gets a port for it, which is an end of the containers around. So what is on one net is joined at the latest in the machine, which has one
-//! instance; and as only ends on one net are ever joined, the nets are those of the blob.
+//! Containers are taken one after another, each behind those that it uses. Its *ends* are the ports
+//! of its task states, and those that were given to the containers of its superstates. Ends that
+//! are on one net in every instance of the container are a *group*, joined by one path. Where the
+//! net of a group, in any instance, has ports outside of the group, the container gets a port for
+//! it, which is an end of the containers around. So what is on one net is joined at the latest in
+//! the machine, which has one instance; and as only ends on one net are ever joined, the nets are
+//! those of the blob.
 //!
-//! A net needs a writer, and a path something on both sides of its arrow. A group that lacks either has it from a port of its container that may stay open. The machine has no
-//! ports; there, a superstate's container gets one for the purpose.
+//! A net needs a writer, and a path something on both sides of its arrow. A group that lacks either
+//! has it from a port of its container that may stay open. The machine has no ports; there, a
+//! superstate's container gets one for the purpose.
 
 use std::collections::{HashMap, HashSet};
 use std::hash::Hash;
@@ -21,7 +26,8 @@ use super::tree::Tree;
 use super::{NoSource, Reader};
 use crate::inspect::readable;
 
-/// Ends of all containers beyond this are too many, as are more looks at the net of one in an instance.
+/// Ends of all containers beyond this are too many, as are more looks at the net of one in an
+/// instance.
 const MAX_ENDS: usize = 1 << 20;
 const MAX_LOOKS: usize = 1 << 26;
 
@@ -59,7 +65,8 @@ pub(super) enum End {
     State { state: usize, port: String },
 }
 
-/// A port of a task instance, relative to the container instance: task instance and place among its data ports.
+/// A port of a task instance, relative to the container instance: task instance and place among its
+/// data ports.
 #[derive(Clone, Copy)]
 struct Leaf {
     task: usize,
@@ -179,7 +186,8 @@ struct Wirer<'r> {
     tree: &'r Tree,
     net_sizes: Vec<usize>,
     wirings: Vec<Wiring>,
-    /// For each port of each container: one of the task ports that it is joined with inside, and how many there are.
+    /// For each port of each container: one of the task ports that it is joined with inside, and
+    /// how many there are.
     leaves: Vec<Vec<(Leaf, usize)>>,
     names: Vec<NamesInUse>,
     /// The first superstate of the machine, and its container.
@@ -349,7 +357,8 @@ impl Wirer<'_> {
         Ok(groups)
     }
 
-    /// Joins the ends of a group by a path, and gives the container a port for it where one is needed.
+    /// Joins the ends of a group by a path, and gives the container a port for it where one is
+    /// needed.
     fn join(
         &mut self,
         container: usize,
@@ -459,7 +468,8 @@ impl Wirer<'_> {
         wiring.ports.len() - 1
     }
 
-    /// An end in the machine that adds no task port to a net: a port of a superstate's container, made for it.
+    /// An end in the machine that adds no task port to a net: a port of a superstate's container,
+    /// made for it.
     fn spare(&mut self, like: &Candidate, is_writer: bool) -> Result<End, NoSource> {
         let (state, container) = self.first_superstate.ok_or_else(|| NoSource::Net {
             state: self.reader.state_name(like.state),

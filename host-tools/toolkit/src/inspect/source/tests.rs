@@ -237,7 +237,8 @@ fn blobs_of_no_source_are_refused_with_the_reason() {
             "its source would compile to another blob, which differs from byte",
         ),
         (
-            // Behind the guard of four tests and its end stands the action in the container. Its first test jumps to its last.
+            // Behind the guard of four tests and its end stands the action in the container. Its
+            // first test jumps to its last.
             with_section!(&good, code, |code| {
                 let at = code.len() - 4 * 6;
                 code[at + 2] = 3;

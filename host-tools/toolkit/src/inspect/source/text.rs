@@ -60,7 +60,8 @@ pub(super) fn write(
     Ok(writer.text)
 }
 
-/// Slot and parameter values that most states of each task have; where several are as frequent, the first.
+/// Slot and parameter values that most states of each task have; where several are as frequent, the
+/// first.
 fn habits(reader: &Reader<'_>) -> Vec<Habits> {
     let tables = &reader.tables;
     let mut slots = vec![Votes::default(); tables.tasks().len()];
@@ -486,7 +487,8 @@ fn time(us: u32) -> String {
     }
 }
 
-/// The literal that stands for the bits of a value, if there is one. That of an `f32` is the shortest that reads as the same bits.
+/// The literal that stands for the bits of a value, if there is one. That of an `f32` is the
+/// shortest that reads as the same bits.
 fn literal(type_name: &[u8], bits: u32) -> Option<String> {
     match (type_name, bits) {
         (b"bool", 0) => Some("false".to_owned()),

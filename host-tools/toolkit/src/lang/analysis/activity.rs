@@ -1,20 +1,26 @@
-//! What can happen at all: which transitions can be taken, which states can be reached, which flags can be set.
+//! What can happen at all: which transitions can be taken, which states can be reached, which flags
+//! can be set.
 //!
-//! Each container is looked at once, for all its instances together: a flag can be set if a transition into any superstate of the
-//! container sets it. Flags that tasks set, `exit` and `busy` of task states may have any value at any time, and every event may come at
-//! any time. These are never true:
+//! Each container is looked at once, for all its instances together: a flag can be set if a
+//! transition into any superstate of the container sets it. Flags that tasks set, `exit` and `busy`
+//! of task states may have any value at any time, and every event may come at any time. These are
+//! never true:
 //!
 //! - `timeout` of a state without a limit,
-//! - `exit` of a superstate in whose container no region can reach `final`, and of a task state whose task is `endless`,
-//! - an `out` flag of a container that no transition inside can set, and an `in` flag that no transition into a superstate of it can,
+//! - `exit` of a superstate in whose container no region can reach `final`, and of a task state
+//!   whose task is `endless`,
+//! - an `out` flag of a container that no transition inside can set, and an `in` flag that no
+//!   transition into a superstate of it can,
 //! - `busy` of a superstate without a task state inside.
 //!
-//! A transition can be taken if its source can be reached and its guard can be true where those of all transitions before it, of the
-//! same source on the same event, are not. So what is said to be impossible is; what is said to be possible may still never happen.
+//! A transition can be taken if its source can be reached and its guard can be true where those of
+//! all transitions before it, of the same source on the same event, are not. So what is said to be
+//! impossible is; what is said to be possible may still never happen.
 //!
-//! The answer is the least one: it starts with nothing and adds what follows until nothing more does. All work is in proportion to the
-//! size of the model, but for guards, where it is counted: beyond [`STEPS_A_GROUP`] and [`STEPS_A_NODE`] a guard is taken for one that
-//! can be true. Whoever warns of what is impossible then warns of less, whoever warns of what is possible of more.
+//! The answer is the least one: it starts with nothing and adds what follows until nothing more
+//! does. All work is in proportion to the size of the model, but for guards, where it is counted:
+//! beyond [`STEPS_A_GROUP`] and [`STEPS_A_NODE`] a guard is taken for one that can be true. Whoever
+//! warns of what is impossible then warns of less, whoever warns of what is possible of more.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -65,7 +71,8 @@ pub struct Activity {
 struct ContainerActivity {
     /// Whether an instance of it can be entered, or it is judged by itself.
     is_live: bool,
-    /// Whether an instance that belongs to the machine can be entered. Without a machine each container may be the whole.
+    /// Whether an instance that belongs to the machine can be entered. Without a machine each
+    /// container may be the whole.
     is_active: bool,
     /// Whether a region can reach `final`.
     can_finish: bool,
@@ -125,12 +132,14 @@ impl Activity {
         }
     }
 
-    /// Whether transitions that can be taken lead to a state, in an instance of its container that can be entered.
+    /// Whether transitions that can be taken lead to a state, in an instance of its container that
+    /// can be entered.
     pub fn is_reachable(&self, state: StateId) -> bool {
         self.is_live(state.container) && self.can_be_current(state)
     }
 
-    /// Whether transitions that can be taken lead to a state, in an instance that belongs to the machine; without a machine in any.
+    /// Whether transitions that can be taken lead to a state, in an instance that belongs to the
+    /// machine; without a machine in any.
     pub fn is_active(&self, state: StateId) -> bool {
         self.is_container_active(state.container) && self.can_be_current(state)
     }
@@ -148,14 +157,16 @@ impl Activity {
             == Some(&true)
     }
 
-    /// Whether an instance of a container can be entered. A container of which the machine has no instance is judged by itself.
+    /// Whether an instance of a container can be entered. A container of which the machine has no
+    /// instance is judged by itself.
     pub fn is_live(&self, container: usize) -> bool {
         self.containers
             .get(container)
             .is_some_and(|container| container.is_live)
     }
 
-    /// Whether an instance of a container that belongs to the machine can be entered. Without a machine each container may be the whole.
+    /// Whether an instance of a container that belongs to the machine can be entered. Without a
+    /// machine each container may be the whole.
     pub fn is_container_active(&self, container: usize) -> bool {
         self.containers
             .get(container)
@@ -195,11 +206,12 @@ impl Activity {
     }
 }
 
-// ─── Which containers are used where ──────────────────────────────────────────────────────────────────────────────────
+// ─── Which containers are used where ─────────────────────────────────────────────────────────────
 
 /// The superstates of a model.
 pub(super) struct Uses {
-    /// Per container, its superstates in source order, each with the container that it is an instance of.
+    /// Per container, its superstates in source order, each with the container that it is an
+    /// instance of.
     inside: Vec<Vec<(StateId, usize)>>,
 }
 
@@ -274,7 +286,7 @@ pub(super) fn region_holes(holes: &Holes, container: usize, region: usize) -> Op
     holes.containers.get(container)?.regions.get(region)
 }
 
-// ─── The search ───────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── The search ──────────────────────────────────────────────────────────────────────────────────
 
 /// A state, or `initial`, of a region.
 #[derive(Clone, Copy, Debug)]
@@ -346,7 +358,8 @@ pub(super) struct Groups {
     order: Vec<usize>,
     /// Where in `order` each group starts, and the end of the last.
     bounds: Vec<usize>,
-    /// Which group is the first of `initial`, of state 0, of state 1, and so on, and how many there are.
+    /// Which group is the first of `initial`, of state 0, of state 1, and so on, and how many there
+    /// are.
     first: Vec<usize>,
 }
 
@@ -450,7 +463,8 @@ struct RegionSearch {
     is_queued: Vec<bool>,
     /// By [`row`]: whether all that leads on from it has been found.
     is_done: Vec<bool>,
-    /// By [`row`] of their sources: targets of transitions that are known no better, until they have been taken.
+    /// By [`row`] of their sources: targets of transitions that are known no better, until they
+    /// have been taken.
     loose: BTreeMap<usize, Vec<Target>>,
 }
 
@@ -459,7 +473,8 @@ struct RegionSearch {
 struct Readers {
     /// Superstates of it whose transitions read `exit`.
     of_exit: Vec<Vec<Place>>,
-    /// By flag: superstates of it that read the flag with `.`, and places in it that read it with `^`.
+    /// By flag: superstates of it that read the flag with `.`, and places in it that read it with
+    /// `^`.
     of_flag: Vec<Vec<Vec<Place>>>,
 }
 
@@ -730,7 +745,8 @@ impl<'m> Search<'m> {
         {
             let holes = region_holes(self.holes, place.container, place.region);
             for group in region.groups.of_source(place.source) {
-                // Also where nothing is left to be found: a state with many transitions may be looked at often.
+                // Also where nothing is left to be found: a state with many transitions may be
+                // looked at often.
                 self.steps_left = self.steps_left.saturating_sub(group.len());
                 let done = self
                     .containers

@@ -1,10 +1,12 @@
-//! Values that get old: what stays on a net when its writer is left (W111), and limits that no writer can meet (W112).
+//! Values that get old: what stays on a net when its writer is left (W111), and limits that no
+//! writer can meet (W112).
 //!
-//! Both are questions about nets, so they are asked of the instances as [`nets`](super::nets) lays them out. A writer is an `out` port of
-//! a task state. An `inout` port passes on what was on the net, with its time: that makes no value fresh.
+//! Both are questions about nets, so they are asked of the instances as [`nets`](super::nets) lays
+//! them out. A writer is an `out` port of a task state. An `inout` port passes on what was on the
+//! net, with its time: that makes no value fresh.
 //!
-//! Of a net that a container leads out of the set, as one can that is checked by itself, nothing is said: who writes and reads it outside
-//! is not known.
+//! Of a net that a container leads out of the set, as one can that is checked by itself, nothing is
+//! said: who writes and reads it outside is not known.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,7 +15,8 @@ use crate::model::{Direction, Model, SlotRef};
 use super::activity::{Activity, StateId};
 use super::nets::{Layout, Port};
 
-/// How many levels and states are looked at for all nets of a set together; beyond that no more is said.
+/// How many levels and states are looked at for all nets of a set together; beyond that no more is
+/// said.
 pub const MAX_STEPS: usize = 4_000_000;
 
 /// A state in which the last value of another stays on a net.
@@ -57,11 +60,12 @@ struct Net<'n> {
     readers: Vec<&'n Port>,
 }
 
-/// Which states of a region are, or have inside, a port of a net; with such a port. Of all regions of all instances, the key's first
-/// part.
+/// Which states of a region are, or have inside, a port of a net; with such a port. Of all regions
+/// of all instances, the key's first part.
 type Inside<'n> = BTreeMap<(usize, usize), BTreeMap<usize, &'n Port>>;
 
-/// Finds out what gets old. `known` is what can happen in what is known of the set, `possible` what may. `layout` is of the latter.
+/// Finds out what gets old. `known` is what can happen in what is known of the set, `possible` what
+/// may. `layout` is of the latter.
 pub(super) fn find(
     model: &Model,
     known: &Activity,
@@ -124,7 +128,8 @@ pub(super) fn find(
     }
 }
 
-/// The writer whose slot has the shortest period, with that; `None` without one, and where one writes outside of all slots.
+/// The writer whose slot has the shortest period, with that; `None` without one, and where one
+/// writes outside of all slots.
 fn most_often(model: &Model, writers: &[&Port]) -> Option<(Port, u32)> {
     let mut best: Option<(Port, u32)> = None;
     for &&writer in writers {
@@ -172,8 +177,8 @@ impl Search<'_, '_> {
         Some(inside)
     }
 
-    /// A port that can be active together with the states of a region, and is in none of them: one in another region of the
-    /// instance, or of one around it.
+    /// A port that can be active together with the states of a region, and is in none of them: one
+    /// in another region of the instance, or of one around it.
     fn beside<'n>(
         &mut self,
         inside: &Inside<'n>,
@@ -195,7 +200,8 @@ impl Search<'_, '_> {
         Some(None)
     }
 
-    /// Notes the states in which a value stays on a net. `None` where that takes too long to find out.
+    /// Notes the states in which a value stays on a net. `None` where that takes too long to find
+    /// out.
     fn net(&mut self, net: &Net<'_>) -> Option<()> {
         if net.writers.is_empty() || net.readers.is_empty() {
             return Some(());

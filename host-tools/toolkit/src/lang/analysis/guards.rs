@@ -1,17 +1,21 @@
 //! Whether guards can be true, alone, together, or after others were not.
 //!
-//! A guard says yes or no for each choice of the flags that it reads. Here it becomes a decision diagram: a node asks for one flag and
-//! leads on to two others, until one of the two ends says what the guard says. With a fixed order of the flags and no node twice, equal
-//! guards are the same node, and a guard that can never be true is the end "no". (Bryant 1986 describes these diagrams.)
+//! A guard says yes or no for each choice of the flags that it reads. Here it becomes a decision
+//! diagram: a node asks for one flag and leads on to two others, until one of the two ends says
+//! what the guard says. With a fixed order of the flags and no node twice, equal guards are the
+//! same node, and a guard that can never be true is the end "no". (Bryant 1986 describes these
+//! diagrams.)
 //!
-//! Diagrams can be exponentially large, so all work is counted. Whoever asks gets [`TooLarge`] where [`MAX_ATOMS`] or the steps
-//! given do not suffice, and says nothing then that could be wrong.
+//! Diagrams can be exponentially large, so all work is counted. Whoever asks gets [`TooLarge`]
+//! where [`MAX_ATOMS`] or the steps given do not suffice, and says nothing then that could be
+//! wrong.
 
 use std::collections::HashMap;
 
 use crate::model::Guard;
 
-/// The most different flags in the guards that are looked at together. It bounds the depth of the recursion here.
+/// The most different flags in the guards that are looked at together. It bounds the depth of the
+/// recursion here.
 pub const MAX_ATOMS: usize = 200;
 
 /// What a guard reads.
@@ -94,8 +98,8 @@ impl Diagrams {
         Ok(())
     }
 
-    /// The diagram of a guard, where atoms for which `is_never` holds are false. The depth of the recursion is that of the guard, which
-    /// the parser bounds.
+    /// The diagram of a guard, where atoms for which `is_never` holds are false. The depth of the
+    /// recursion is that of the guard, which the parser bounds.
     ///
     /// # Errors
     /// There are too many flags, or no steps are left.
@@ -184,7 +188,8 @@ impl Diagrams {
         self.choose(a, Formula::NEVER, Formula::ALWAYS)
     }
 
-    /// `if_so` where `condition` is true, `if_not` elsewhere. The depth of the recursion is at most the number of flags.
+    /// `if_so` where `condition` is true, `if_not` elsewhere. The depth of the recursion is at most
+    /// the number of flags.
     fn choose(
         &mut self,
         condition: Formula,
@@ -260,8 +265,8 @@ impl Diagrams {
         Ok(formula)
     }
 
-    /// A choice of flags that makes a formula true, with few flags set: each flag that matters, and whether it is set. All other flags
-    /// can be as they like. `None` if it is never true.
+    /// A choice of flags that makes a formula true, with few flags set: each flag that matters, and
+    /// whether it is set. All other flags can be as they like. `None` if it is never true.
     pub fn example(&self, formula: Formula) -> Option<Vec<(Atom, bool)>> {
         let mut example = Vec::new();
         let mut here = formula;

@@ -1,18 +1,20 @@
 //! What of a set of files could not be read or resolved.
 //!
-//! A file with mistakes still has a model, of what could be understood. The rest is written down here, so that whoever looks at the
-//! model knows where it is not the whole: a warning that is true of the model alone may be false of what was meant, and would only
-//! repeat a mistake that is reported already. A set of files without errors has no holes.
+//! A file with mistakes still has a model, of what could be understood. The rest is written down
+//! here, so that whoever looks at the model knows where it is not the whole: a warning that is true
+//! of the model alone may be false of what was meant, and would only repeat a mistake that is
+//! reported already. A set of files without errors has no holes.
 //!
-//! Everything is in the order of the model: `containers[c].regions[r].states[s]` is about state `s` of region `r` of container `c`.
+//! Everything is in the order of the model: `containers[c].regions[r].states[s]` is about state `s`
+//! of region `r` of container `c`.
 
 use crate::model::{Model, Source, Target};
 
 /// The holes of a set of files.
 #[derive(Clone, Debug, Default)]
 pub struct Holes {
-    /// There may be declarations beyond those of the model: a file could not be read, is circular, or has something between its
-    /// declarations that was not understood.
+    /// There may be declarations beyond those of the model: a file could not be read, is circular,
+    /// or has something between its declarations that was not understood.
     pub set: bool,
     /// The number or the times of a slot are not known.
     pub slots: bool,
@@ -25,7 +27,8 @@ pub struct Holes {
 /// What is not known of a task.
 #[derive(Clone, Debug, Default)]
 pub struct TaskHoles {
-    /// There may be ports, flags or parameters beyond those of the model, or one of those could not be read whole.
+    /// There may be ports, flags or parameters beyond those of the model, or one of those could not
+    /// be read whole.
     pub declarations: bool,
     /// Another task of this name came first: whoever uses the name gets that one.
     pub is_twin: bool,
@@ -34,9 +37,11 @@ pub struct TaskHoles {
 /// What is not known of a container.
 #[derive(Clone, Debug, Default)]
 pub struct ContainerHoles {
-    /// There may be events, flags, ports or regions beyond those of the model, or one of those could not be read whole.
+    /// There may be events, flags, ports or regions beyond those of the model, or one of those
+    /// could not be read whole.
     pub declarations: bool,
-    /// There may be data paths, or ends of data paths, beyond those of the model, or one of those cannot be right.
+    /// There may be data paths, or ends of data paths, beyond those of the model, or one of those
+    /// cannot be right.
     pub paths: bool,
     /// Another container of this name came first, or another machine.
     pub is_twin: bool,
@@ -47,13 +52,15 @@ pub struct ContainerHoles {
 /// What is not known of a region.
 #[derive(Clone, Debug, Default)]
 pub struct RegionHoles {
-    /// There may be states and transitions beyond those of the model and those below, or none leads from `initial`.
+    /// There may be states and transitions beyond those of the model and those below, or none leads
+    /// from `initial`.
     pub body: bool,
     /// One for each state of the model.
     pub states: Vec<StateHoles>,
     /// Transitions that are there, but not in the model.
     pub transitions: Vec<LooseTransition>,
-    /// Transitions of the model whose guard is not known: indices into [`Region::transitions`](crate::model::Region), ascending.
+    /// Transitions of the model whose guard is not known: indices into
+    /// [`Region::transitions`](crate::model::Region), ascending.
     pub guards: Vec<usize>,
     /// Transitions of the model that have more actions than it says: indices, ascending.
     pub actions: Vec<usize>,
@@ -66,7 +73,8 @@ pub struct StateHoles {
     pub kind: bool,
     /// Whether it has a limit of time, or which, is not known.
     pub limit: bool,
-    /// It has no name that a transition could use: another state of this name came first, or the name could not be read.
+    /// It has no name that a transition could use: another state of this name came first, or the
+    /// name could not be read.
     pub is_twin: bool,
 }
 
@@ -104,7 +112,8 @@ impl Holes {
         }
     }
 
-    /// Whether all tasks, containers, ports, states and data paths of the set are known, whatever transitions lead to what.
+    /// Whether all tasks, containers, ports, states and data paths of the set are known, whatever
+    /// transitions lead to what.
     pub fn are_parts_known(&self) -> bool {
         let is_known = |region: &RegionHoles| {
             !region.body

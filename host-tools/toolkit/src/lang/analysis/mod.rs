@@ -1,12 +1,14 @@
 //! What can happen in a set of files, and what cannot: the questions that need more than names.
 //!
-//! - [`holes`]: what of the set is not known because it could not be read or resolved. No warning may rest on that.
+//! - [`holes`]: what of the set is not known because it could not be read or resolved. No warning
+//!   may rest on that.
 //! - [`guards`]: whether guards can be true, alone, together, or after others were not.
 //! - [`activity`]: which transitions can be taken, which states can be reached.
 //! - [`side_by_side`]: which states can be active together.
 //! - [`sharing`]: which tasks share a slot, and how long they take together at most.
 //!
-//! Data is looked at in two modules of its own: which ports share a net in which instance, and which values get old there.
+//! Data is looked at in two modules of its own: which ports share a net in which instance, and
+//! which values get old there.
 //!
 //! ```
 //! use esm_toolkit::lang::{analysis::{activity::{Activity, StateId, View}, holes::Holes, side_by_side::SideBySide}, load_text};
@@ -42,7 +44,8 @@ use activity::{Activity, Uses, View};
 use holes::Holes;
 use warnings::Warnings;
 
-/// Adds the warnings that rest on what can be active. `known` is the activity of what is known of the set.
+/// Adds the warnings that rest on what can be active. `known` is the activity of what is known of
+/// the set.
 pub(super) fn check(model: &Model, holes: &Holes, known: &Activity, sink: &mut Sink) {
     let has_holes = holes.any();
     let possible = has_holes.then(|| Activity::of(model, holes, View::Possible));

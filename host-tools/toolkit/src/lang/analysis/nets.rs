@@ -1,11 +1,13 @@
 //! The nets of a set of files, and which two writers of one net can be active together (W110).
 //!
-//! Nets are joined through the ports of containers, so which they are depends on the instances. The instances are laid out here, up to
-//! [`MAX_INSTANCES`] and [`MAX_ENDS`]; of a larger set, which no blob could hold, nothing is said. In each instance, from the inside
-//! out, it is known of each superstate on which nets something inside it writes: two writers then meet where they are in two regions
-//! of one instance.
+//! Nets are joined through the ports of containers, so which they are depends on the instances. The
+//! instances are laid out here, up to [`MAX_INSTANCES`] and [`MAX_ENDS`]; of a larger set, which no
+//! blob could hold, nothing is said. In each instance, from the inside out, it is known of each
+//! superstate on which nets something inside it writes: two writers then meet where they are in two
+//! regions of one instance.
 //!
-//! A writer is an `out` port of a task state. An `inout` port publishes again what was on the net, and disturbs nobody.
+//! A writer is an `out` port of a task state. An `inout` port publishes again what was on the net,
+//! and disturbs nobody.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -65,7 +67,8 @@ pub(super) struct Port {
     pub(super) port: usize,
 }
 
-/// For each path on which a second writer of a net stands, the first such meeting; in the order of containers and paths.
+/// For each path on which a second writer of a net stands, the first such meeting; in the order of
+/// containers and paths.
 pub(super) fn meetings(model: &Model, activity: &Activity, uses: &Uses) -> Vec<Meeting> {
     lay_out(model, activity, uses).map_or_else(Vec::new, |layout| layout.meetings())
 }
@@ -81,7 +84,8 @@ pub(super) struct Layout<'m> {
     task_ports: Vec<HashMap<PathEnd, usize>>,
 }
 
-/// Lays out the instances that can be active. `None` where there are no paths, where a container uses itself, and beyond the limits.
+/// Lays out the instances that can be active. `None` where there are no paths, where a container
+/// uses itself, and beyond the limits.
 pub(super) fn lay_out<'m>(
     model: &'m Model,
     activity: &'m Activity,
@@ -176,7 +180,8 @@ impl Layout<'_> {
         Some(())
     }
 
-    /// The net node of an end of a path in an instance; `None` for one of a superstate that is never active.
+    /// The net node of an end of a path in an instance; `None` for one of a superstate that is
+    /// never active.
     fn node(&mut self, instance: usize, end: PathEnd) -> Option<usize> {
         let here = self.instances.get(instance)?;
         let (region, state, port) = match end {

@@ -1,9 +1,12 @@
 //! Which tasks share a slot, and how long they take together at most.
 //!
-//! Tasks that share a slot run one after another in it, as far as they can be active together. That is worked out on the tree: of the states of a region one is
-//! active, of the regions of a container all are. Of an `exclusive` group one runs at a time. States that nothing leads to are never active ([`Activity`]).
+//! Tasks that share a slot run one after another in it, as far as they can be active together. That
+//! is worked out on the tree: of the states of a region one is active, of the regions of a
+//! container all are. Of an `exclusive` group one runs at a time. States that nothing leads to are
+//! never active ([`Activity`]).
 //!
-//! Each slot is added up by itself, through the containers that have one of its tasks inside, so that what is kept at a time is one sum a container.
+//! Each slot is added up by itself, through the containers that have one of its tasks inside, so
+//! that what is kept at a time is one sum a container.
 //!
 //! ```
 //! use esm_toolkit::lang::{analysis::sharing, load_text};
@@ -37,7 +40,8 @@ pub const MAX_GROUPS_IN_SLOT: usize = 8;
 /// Steps that the sums of all slots may take together.
 pub const MAX_STEPS: usize = 10_000_000;
 
-/// Steps that finding out which task states these are may take for all slots together: beyond them they are not named.
+/// Steps that finding out which task states these are may take for all slots together: beyond them
+/// they are not named.
 pub const MAX_NAMING_STEPS: usize = 2_000_000;
 
 /// As many task states of a slot are named; of more there is the number.
@@ -46,18 +50,21 @@ pub const MAX_NAMED: usize = 256;
 /// As many pairs of slots are compared for whether one of them would do.
 pub const MAX_PAIRS: usize = 1_000;
 
-// ─── What a slot is asked for ─────────────────────────────────────────────────────────────────────────────────────────
+// ─── What a slot is asked for ────────────────────────────────────────────────────────────────────
 
-/// The tasks of a slot. Paths are region and state names in turn from the machine, or in a set without one from a container's name on.
+/// The tasks of a slot. Paths are region and state names in turn from the machine, or in a set
+/// without one from a container's name on.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SlotTasks {
     /// Number of the slot.
     pub slot: u32,
     /// Its duration in microseconds.
     pub duration_us: u32,
-    /// The most that tasks which can be active together take in it, in microseconds; `None` where that is beyond [`MAX_STEPS`] or [`MAX_GROUPS_IN_SLOT`].
+    /// The most that tasks which can be active together take in it, in microseconds; `None` where
+    /// that is beyond [`MAX_STEPS`] or [`MAX_GROUPS_IN_SLOT`].
     pub worst_us: Option<u64>,
-    /// The task states that take it, of each `exclusive` group the longest, in the order in which they run.
+    /// The task states that take it, of each `exclusive` group the longest, in the order in which
+    /// they run.
     pub together: Vec<String>,
     /// All task states that name the slot and can be active, in the order of the instance tree.
     pub tasks: Vec<String>,
@@ -112,8 +119,9 @@ pub fn of_model(model: &Model) -> Vec<SlotTasks> {
         .collect()
 }
 
-/// Pairs of slots of one period, of which neither runs the interpreter, whose tasks can never be active together: tasks of both fit one slot that is as long
-/// as the longer of the two. Of the first [`MAX_PAIRS`] that have one period.
+/// Pairs of slots of one period, of which neither runs the interpreter, whose tasks can never be
+/// active together: tasks of both fit one slot that is as long as the longer of the two. Of the
+/// first [`MAX_PAIRS`] that have one period.
 pub fn spare_slots(model: &Model) -> Vec<Spare> {
     let holes = Holes::none(model);
     let activity = Activity::of(model, &holes, View::Known);
@@ -149,7 +157,8 @@ pub fn spare_slots(model: &Model) -> Vec<Spare> {
             .map(|it| it.state)
             .collect();
         let of_first = of_slot(first).count();
-        // What meets one of the first slot's tasks is told so before it is told of its own slot's: those come first in the list.
+        // What meets one of the first slot's tasks is told so before it is told of its own slot's:
+        // those come first in the list.
         let Some(partners) = nesting.partners(&states) else {
             return spare;
         };
@@ -226,7 +235,7 @@ fn path(model: &Model, trail: &[StateId]) -> String {
     path
 }
 
-// ─── The sums ─────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── The sums ────────────────────────────────────────────────────────────────────────────────────
 
 /// No steps are left.
 #[derive(Debug)]
@@ -259,7 +268,8 @@ impl Most {
     }
 }
 
-/// For each set of `exclusive` groups (as bits) the most with at most one task of each of these groups, and none of the others.
+/// For each set of `exclusive` groups (as bits) the most with at most one task of each of these
+/// groups, and none of the others.
 type Load = Vec<Most>;
 
 /// What a region asks of the slot: one of its states at a time.
@@ -280,7 +290,8 @@ struct ContainerLoad {
 pub(in crate::lang) struct Summed {
     /// The most.
     pub(in crate::lang) most: Most,
-    /// Whether it is that, or only the most with at most one task of all the groups beyond [`MAX_GROUPS_IN_SLOT`].
+    /// Whether it is that, or only the most with at most one task of all the groups beyond
+    /// [`MAX_GROUPS_IN_SLOT`].
     is_exact: bool,
     /// The container that asks for it: the machine.
     root: Option<usize>,
@@ -361,7 +372,8 @@ impl<'l> Loads<'l> {
         Ok(summed)
     }
 
-    /// The `exclusive` groups that are told apart, by number, and whether these are all that make a difference.
+    /// The `exclusive` groups that are told apart, by number, and whether these are all that make a
+    /// difference.
     fn groups(
         &mut self,
         members: &[Member<'l>],
@@ -450,7 +462,8 @@ impl<'l> Loads<'l> {
         left.map(|_| ()).ok_or(TooLarge)
     }
 
-    /// Notes what task states ask of their slot. Gives the containers around them, each behind all that it uses.
+    /// Notes what task states ask of their slot. Gives the containers around them, each behind all
+    /// that it uses.
     fn open(
         &mut self,
         members: &[Member<'l>],
@@ -539,9 +552,10 @@ impl<'l> Loads<'l> {
         Ok(ContainerLoad { regions, sum })
     }
 
-    // ─── Which ones they are ──────────────────────────────────────────────────────────────────────────────────────────
+    // ─── Which ones they are ─────────────────────────────────────────────────────────────────────
 
-    /// The task states that take the most, each with the superstates around it, from the outside in; [`MAX_NAMED`] of them.
+    /// The task states that take the most, each with the superstates around it, from the outside
+    /// in; [`MAX_NAMED`] of them.
     fn together(&mut self, summed: &Summed) -> Vec<Vec<StateId>> {
         let mut found = Vec::new();
         let mut trails = Trails::default();
@@ -595,7 +609,8 @@ impl<'l> Loads<'l> {
         left.is_some()
     }
 
-    /// The task states of a slot in the order of the instance tree, [`MAX_NAMED`] of them, and how many there are: at least, where that takes too long to count.
+    /// The task states of a slot in the order of the instance tree, [`MAX_NAMED`] of them, and how
+    /// many there are: at least, where that takes too long to count.
     fn all(&mut self, slot: usize) -> (Vec<Vec<StateId>>, Count) {
         let members = self.members(slot).to_vec();
         // Per container, what of it is a task of the slot or holds one.
@@ -684,7 +699,8 @@ impl<'l> Loads<'l> {
 }
 
 impl ContainerLoad {
-    /// Which states ask for the most with a set of groups (all where none is given), and for which part of the set each. In source order.
+    /// Which states ask for the most with a set of groups (all where none is given), and for which
+    /// part of the set each. In source order.
     fn shares(&self, set: Option<usize>) -> Vec<(StateId, usize)> {
         let mut sums: Vec<Load> = Vec::with_capacity(self.regions.len());
         for (_, region) in &self.regions {

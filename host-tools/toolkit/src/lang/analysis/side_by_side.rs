@@ -1,11 +1,14 @@
 //! Which states can be active together.
 //!
-//! Of the states of a region one is current, and the regions of a container run side by side. So two states can be active together if
-//! an instance of some container has one of them in one region, at any depth, and the other in another region; or if one is a superstate
-//! and the other is inside it. A container that is used twice side by side makes its states active together with themselves.
+//! Of the states of a region one is current, and the regions of a container run side by side. So
+//! two states can be active together if an instance of some container has one of them in one
+//! region, at any depth, and the other in another region; or if one is a superstate and the other
+//! is inside it. A container that is used twice side by side makes its states active together with
+//! themselves.
 //!
-//! Instances may be far more than containers, so each container is looked at once for all of its instances: on the way up from the
-//! states that are asked about, which of them are inside; on the way down, which of them can be active outside.
+//! Instances may be far more than containers, so each container is looked at once for all of its
+//! instances: on the way up from the states that are asked about, which of them are inside; on the
+//! way down, which of them can be active outside.
 
 use crate::model::Model;
 
@@ -22,7 +25,8 @@ pub enum Meeting {
     Regions {
         /// Index into [`Model::containers`].
         container: usize,
-        /// The region of the one that was asked about: index into [`Container::regions`](crate::model::Container).
+        /// The region of the one that was asked about: index into
+        /// [`Container::regions`](crate::model::Container).
         own: usize,
         /// The region of the other one.
         other: usize,
@@ -60,7 +64,8 @@ struct Found {
     is_open: bool,
     /// Members directly in it, with their indices.
     members: Vec<(StateId, usize)>,
-    /// Its superstates that have members inside, with their containers; ascending once all are there.
+    /// Its superstates that have members inside, with their containers; ascending once all are
+    /// there.
     supers: Vec<(StateId, usize)>,
     /// The first member inside it and its region; and the first one in another region than that.
     first: Option<(usize, usize)>,
@@ -78,7 +83,8 @@ impl Found {
                 self.second = Some(self.second.map_or(new, |second| second.min(new)));
             }
             Some(first) => {
-                // The second, if there is one, is of another region than the first, and may be of the new one's.
+                // The second, if there is one, is of another region than the first, and may be of
+                // the new one's.
                 self.second = Some(first);
                 self.first = Some(new);
             }
@@ -134,7 +140,8 @@ impl<'a> SideBySide<'a> {
         })
     }
 
-    /// Whether two states can be active together; a state with itself: whether two instances of it can.
+    /// Whether two states can be active together; a state with itself: whether two instances of it
+    /// can.
     ///
     /// Gives `None` where the question is too large for what is left of [`MAX_STEPS`].
     pub fn can_be_together(&mut self, a: StateId, b: StateId) -> Option<bool> {
@@ -145,10 +152,11 @@ impl<'a> SideBySide<'a> {
         Some(partners.get(1)?.is_some_and(|partner| partner.member == 0))
     }
 
-    /// For each of `members`, the first in the list that can be active together with it; that may be itself.
+    /// For each of `members`, the first in the list that can be active together with it; that may
+    /// be itself.
     ///
-    /// The work is in proportion to the superstates around the members, not to their pairs. Gives `None` where [`MAX_STEPS`] does
-    /// not suffice.
+    /// The work is in proportion to the superstates around the members, not to their pairs. Gives
+    /// `None` where [`MAX_STEPS`] does not suffice.
     pub fn partners(&mut self, members: &[StateId]) -> Option<Vec<Option<Partner>>> {
         let partners = self.open(members).map(|()| {
             self.look_inside();

@@ -124,7 +124,7 @@ fn what_cannot_be_read_or_resolved_is_a_hole() {
     assert!(wrong.is_empty(), "{wrong}");
 }
 
-// ─── Warnings ─────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Warnings ────────────────────────────────────────────────────────────────────────────────────
 
 /// What stands behind the text of a case, so that it changes no line or column in it.
 const REST: &str = "
@@ -184,7 +184,8 @@ fn machine(body: &str) -> String {
     format!("machine M {{ event E, F; region r {{\n{body}\n}} }}")
 }
 
-/// A container with flags and one region around what stands in it, on the second line, in a set without a machine.
+/// A container with flags and one region around what stands in it, on the second line, in a set
+/// without a machine.
 fn library(body: &str) -> String {
     format!("container C {{ in event E; in flag told; out flag done; region r {{\n{body}\n}} }}")
 }
@@ -695,7 +696,7 @@ fn tasks_that_share_a_slot_and_are_active_together() {
     );
 }
 
-// ─── The sum of a slot, in two ways ───────────────────────────────────────────────────────────────────────────────────
+// ─── The sum of a slot, in two ways ──────────────────────────────────────────────────────────────
 
 /// Tasks by wcet in milliseconds and `exclusive` group.
 const TASKS: [(u64, Option<&str>); 5] = [
@@ -798,7 +799,8 @@ fn active(nesting: &Nesting, container: usize) -> Vec<Vec<usize>> {
     together
 }
 
-/// How long tasks that are active together take at most, in milliseconds: of a group the longest alone.
+/// How long tasks that are active together take at most, in milliseconds: of a group the longest
+/// alone.
 fn time_of(tasks: &[usize]) -> u64 {
     let mut of_groups: BTreeMap<&str, u64> = BTreeMap::new();
     let mut sum = 0;
@@ -882,7 +884,7 @@ proptest! {
     }
 }
 
-// ─── Values that stay, in two ways ────────────────────────────────────────────────────────────────────────────────────
+// ─── Values that stay, in two ways ───────────────────────────────────────────────────────────────
 
 /// What the tasks of a [`Nesting`] do with the one net there is, by their index.
 const PORTS: [&str; 5] = [
@@ -893,8 +895,8 @@ const PORTS: [&str; 5] = [
     "in data n: X optional;",
 ];
 
-/// A set of files with such a nesting and one net, which goes through all containers. And the line of each state, by container, region
-/// and number.
+/// A set of files with such a nesting and one net, which goes through all containers. And the line
+/// of each state, by container, region and number.
 fn text_with_net(nesting: &Nesting) -> (String, BTreeMap<[usize; 3], usize>) {
     let mut lines = vec!["slot 1 period 10 ms duration 1 ms; interpreter slot 1;".to_owned()];
     for (task, ports) in PORTS.iter().enumerate() {
@@ -963,7 +965,8 @@ fn is_super(nesting: &Nesting, container: usize, end: &str) -> bool {
     matches!(nesting[container][region][state], Part::Super(_))
 }
 
-/// The states of an instance of a container, each with its way from the machine on: container, region and state in turn.
+/// The states of an instance of a container, each with its way from the machine on: container,
+/// region and state in turn.
 fn ways(
     nesting: &Nesting,
     container: usize,
@@ -1034,7 +1037,7 @@ proptest! {
     }
 }
 
-// ─── Slots that tasks share ───────────────────────────────────────────────────────────────────────────────────────────
+// ─── Slots that tasks share ──────────────────────────────────────────────────────────────────────
 
 /// A machine whose interpreter runs in slot 1.
 fn shared(slots: &str, rest: &str) -> Model {
@@ -1085,7 +1088,8 @@ fn without_a_machine_paths_begin_with_a_container() {
     assert_eq!(found.tasks, ["D/q/T/r/S"]);
 }
 
-/// Regions side by side, each with a task of a group of its own and, in every second region, one of the same group as the region before.
+/// Regions side by side, each with a task of a group of its own and, in every second region, one of
+/// the same group as the region before.
 #[test]
 fn exclusive_groups_beyond_the_limit_make_no_sum_too_great() {
     let machine = |regions: usize, members: usize, duration_us: usize| {
@@ -1162,7 +1166,8 @@ fn slots_of_one_period_whose_tasks_never_meet_could_be_one() {
         }}"
         ),
     );
-    // 2 and 3 meet through W and T, 3 and 5 through T and V; slot 4 has another period, slot 6 no task, slot 1 runs the interpreter.
+    // 2 and 3 meet through W and T, 3 and 5 through T and V; slot 4 has another period, slot 6 no
+    // task, slot 1 runs the interpreter.
     assert_eq!(sharing::spare_slots(&model), []);
     let model = shared(
         slots,
@@ -1182,21 +1187,23 @@ fn slots_of_one_period_whose_tasks_never_meet_could_be_one() {
     assert_eq!(sharing::spare_slots(&model), [expected]);
 }
 
-// ─── Size ─────────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Size ────────────────────────────────────────────────────────────────────────────────────────
 
 /// What takes seconds if the work grows with the square of the size takes minutes in a debug build.
 #[test]
 fn large_sets_that_ask_for_much_take_little_time() {
     const SIZE: usize = 4_000;
     let lines = |line: &dyn Fn(usize) -> String| (0..SIZE).map(line).collect::<String>();
-    // Flags become possible one after another, and each time the state that reads them all is looked at.
+    // Flags become possible one after another, and each time the state that reads them all is
+    // looked at.
     let flags = format!(
         "container C {{ {} region a {{ state A; initial -> A; {} }} region b {{ initial -> S0; {} }} }}",
         lines(&|n| format!("out flag f{n};\n")),
         lines(&|n| format!("A -> A on X{n};\nA -> A [^f{n}];\n")),
         lines(&|n| format!("state S{n}; S{n} -> S{} / set ^f{n};\n", (n + 1) % SIZE)),
     );
-    // Each later transition is compared with thousands of earlier ones before one is found that it competes with.
+    // Each later transition is compared with thousands of earlier ones before one is found that it
+    // competes with.
     let guards = machine(&format!(
         "task A: T; state B; initial -> A; {} A -> B [.far]; {}",
         lines(&|_| "A -> B [.near];\nA -> B [timeout];\n".into()),

@@ -1,4 +1,5 @@
-//! What is said about the states and transitions of a set of files: W101, W103, W105, W108, W110 to W112.
+//! What is said about the states and transitions of a set of files: W101, W103, W105, W108, W110 to
+//! W112.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -73,7 +74,7 @@ fn state_holes(holes: Option<&RegionHoles>, state: usize) -> StateHoles {
         .unwrap_or_default()
 }
 
-// ─── W101: states that cannot be reached ──────────────────────────────────────────────────────────────────────────────
+// ─── W101: states that cannot be reached ─────────────────────────────────────────────────────────
 
 impl Warnings<'_> {
     pub(super) fn unreachable_states(&self, sink: &mut Sink) {
@@ -231,7 +232,7 @@ struct Reasons {
     steps_left: usize,
 }
 
-// ─── W103: transitions that compete ───────────────────────────────────────────────────────────────────────────────────
+// ─── W103: transitions that compete ──────────────────────────────────────────────────────────────
 
 impl Warnings<'_> {
     pub(super) fn competing_transitions(&self, sink: &mut Sink) {
@@ -407,7 +408,8 @@ impl<'r> Competition<'r> {
         }
     }
 
-    /// Finds all that compete with an earlier one; where guards are too large, those found before that.
+    /// Finds all that compete with an earlier one; where guards are too large, those found before
+    /// that.
     fn run(mut self, diagrams: &mut Diagrams, is_never: &impl Fn(Atom) -> bool) -> Vec<Later> {
         let mut found = Vec::new();
         // True where any earlier one is.
@@ -467,7 +469,7 @@ impl<'r> Competition<'r> {
     }
 }
 
-// ─── W105: one `exclusive` group, two active tasks ────────────────────────────────────────────────────────────────────
+// ─── W105: one `exclusive` group, two active tasks ───────────────────────────────────────────────
 
 impl Warnings<'_> {
     pub(super) fn exclusive_tasks(&self, sink: &mut Sink) {
@@ -580,7 +582,7 @@ impl Warnings<'_> {
     }
 }
 
-// ─── W108: states without a way out ───────────────────────────────────────────────────────────────────────────────────
+// ─── W108: states without a way out ──────────────────────────────────────────────────────────────
 
 impl Warnings<'_> {
     /// A state of a container that is used often has no way out if it has none in some instance.
@@ -601,7 +603,8 @@ impl Warnings<'_> {
                 .and_then(|regions| regions.get(id.region)?.get(id.state))
                 != Some(&false)
         };
-        // Containers with an instance around which nothing has a way out, and the superstate that is that instance.
+        // Containers with an instance around which nothing has a way out, and the superstate that
+        // is that instance.
         let mut is_open = vec![false; self.model.containers.len()];
         let mut around: Vec<Option<StateId>> = vec![None; self.model.containers.len()];
         let mut queue = VecDeque::from([machine]);
@@ -714,7 +717,7 @@ fn has_way_out(region: &Region, holes: Option<&RegionHoles>) -> Vec<bool> {
     has_way_out
 }
 
-// ─── W110: one net, two active writers ────────────────────────────────────────────────────────────────────────────────
+// ─── W110: one net, two active writers ───────────────────────────────────────────────────────────
 
 impl Warnings<'_> {
     pub(super) fn competing_writers(&self, uses: &Uses, sink: &mut Sink) {
@@ -776,7 +779,7 @@ impl Warnings<'_> {
     }
 }
 
-// ─── W111, W112: values that get old ──────────────────────────────────────────────────────────────────────────────────
+// ─── W111, W112: values that get old ─────────────────────────────────────────────────────────────
 
 impl Warnings<'_> {
     /// A state of a container that is used often is reported if the value stays in some instance.

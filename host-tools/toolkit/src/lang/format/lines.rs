@@ -1,6 +1,7 @@
 //! Lines as they are written, and the column that the comments behind neighbouring lines share.
 
-/// The most columns of a line, its trailing comment not counted. A word that is longer stands alone in its line.
+/// The most columns of a line, its trailing comment not counted. A word that is longer stands alone
+/// in its line.
 pub const MAX_COLUMNS: usize = 100;
 
 /// Columns by which what is inside stands further right.
@@ -47,7 +48,8 @@ struct CommentBehind {
     text: String,
 }
 
-/// Lines of output. The last lines are kept back until it is known in which column their comments stand.
+/// Lines of output. The last lines are kept back until it is known in which column their comments
+/// stand.
 pub(super) struct Lines {
     text: String,
     group: String,
@@ -76,7 +78,8 @@ impl Lines {
         self.columns
     }
 
-    /// Starts a line. One that has a column goes with the lines of the same column directly before it.
+    /// Starts a line. One that has a column goes with the lines of the same column directly before
+    /// it.
     pub(super) fn start_line(&mut self, indent: usize, behind: Behind) {
         if self.is_separated || self.behind != behind || behind == Behind::OneBlank {
             self.end_group();
@@ -101,7 +104,8 @@ impl Lines {
         self.columns += text.chars().count();
     }
 
-    /// Adds a comment to the line. What stands inside of one that has several lines stays where it is.
+    /// Adds a comment to the line. What stands inside of one that has several lines stays where it
+    /// is.
     pub(super) fn comment(&mut self, text: &str) {
         for (index, line) in comment_lines(text).enumerate() {
             if index > 0 {
@@ -135,7 +139,8 @@ impl Lines {
         }
     }
 
-    /// Adds to the line at once what closes the body that it has opened, unless a comment stands there already.
+    /// Adds to the line at once what closes the body that it has opened, unless a comment stands
+    /// there already.
     pub(super) fn close_at_once(&mut self, text: &str) -> bool {
         let is_free = self
             .comments

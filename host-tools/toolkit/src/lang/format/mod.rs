@@ -1,12 +1,15 @@
 //! One layout for every file.
 //!
-//! The layouter works on tokens: it takes them from the lexer, the comments from the gaps between them, and writes both again with other
-//! blanks. So it cannot change what a file says; and because the text has been parsed without a mistake before, a token alone tells
-//! where a statement ends, what a `{` opens, and where a line may be broken. Nothing in it looks at how the text was laid out before, but
-//! for three things that a person decides: which comment stands behind a statement and which before one, where an empty line
-//! separates, and where a `//` comment ends a line in the middle of a statement. All three are written so that they read the same again.
+//! The layouter works on tokens: it takes them from the lexer, the comments from the gaps between
+//! them, and writes both again with other blanks. So it cannot change what a file says; and because
+//! the text has been parsed without a mistake before, a token alone tells where a statement ends,
+//! what a `{` opens, and where a line may be broken. Nothing in it looks at how the text was laid
+//! out before, but for three things that a person decides: which comment stands behind a statement
+//! and which before one, where an empty line separates, and where a `//` comment ends a line in the
+//! middle of a statement. All three are written so that they read the same again.
 //!
-//! It takes time in proportion to the text, and memory for one statement and one run of neighbouring lines beside it.
+//! It takes time in proportion to the text, and memory for one statement and one run of
+//! neighbouring lines beside it.
 
 mod lines;
 mod statement;
@@ -36,7 +39,8 @@ impl Refusal {
     }
 }
 
-/// Lays out a file. `name` stands for its path in messages. A byte order mark is taken off, and lines end with a line feed.
+/// Lays out a file. `name` stands for its path in messages. A byte order mark is taken off, and
+/// lines end with a line feed.
 ///
 /// # Errors
 /// The text has syntax errors, or is not UTF-8.

@@ -1,4 +1,5 @@
-//! One statement, or the first line of a declaration: blanks between its tokens, and line breaks where it is too long.
+//! One statement, or the first line of a declaration: blanks between its tokens, and line breaks
+//! where it is too long.
 
 use crate::lang::lexer::{Comment, TokenKind as T};
 
@@ -12,7 +13,8 @@ enum Break {
     Never,
     /// It does, where the line would be too long.
     Filling,
-    /// It does, where the statement is too long for one line: before guard, actions, values, the arrow of a path.
+    /// It does, where the statement is too long for one line: before guard, actions, values, the
+    /// arrow of a path.
     Part,
     /// It must: a `//` comment stands before, or this is one with a line of its own.
     Always,
@@ -147,7 +149,8 @@ impl<'t> Statement<'t> {
         self.pieces.clear();
     }
 
-    /// Works out how many columns each piece needs up to the next place where a line may end. Gives the columns of the whole.
+    /// Works out how many columns each piece needs up to the next place where a line may end. Gives
+    /// the columns of the whole.
     fn measure(&mut self) -> usize {
         let mut whole = 0;
         let mut to_next_break = 0;

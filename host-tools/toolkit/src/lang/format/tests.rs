@@ -180,9 +180,10 @@ fn a_file_with_syntax_errors_is_refused_and_they_are_shown() {
     );
 }
 
-// ─── Laws ─────────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Laws ────────────────────────────────────────────────────────────────────────────────────────
 
-/// Tokens and comments of a text, in order; of a comment what counts, without the blanks at the ends of its lines.
+/// Tokens and comments of a text, in order; of a comment what counts, without the blanks at the
+/// ends of its lines.
 fn substance(text: &str) -> Vec<(Option<T>, String)> {
     let mut lexer = Lexer::new(text);
     let mut substance = Vec::new();
@@ -290,7 +291,8 @@ proptest! {
         noises in prop::collection::vec(noise(), 400),
         kept in 0_usize..300,
     ) {
-        // A part of the text stays as it is, so that there are long statements without noise in them.
+        // A part of the text stays as it is, so that there are long statements without noise in
+        // them.
         let words: Vec<&str> = EVERYTHING.split_whitespace().collect();
         let mut text = noises.last().cloned().unwrap_or_default();
         for (index, (word, noise)) in words.iter().zip(&noises).enumerate() {

@@ -1,8 +1,9 @@
 //! W104: events that can cause each other in a circle within one macro step.
 //!
-//! An event causes another if a transition that it triggers sends the other. What is caused so happens in the same macro step, for an
-//! event stays in the queue until somebody has looked at it. First this is asked of the names of events, which settles most sets of
-//! files; only for the names that are left, the instance tree is unfolded and it is asked who sees what.
+//! An event causes another if a transition that it triggers sends the other. What is caused so
+//! happens in the same macro step, for an event stays in the queue until somebody has looked at it.
+//! First this is asked of the names of events, which settles most sets of files; only for the names
+//! that are left, the instance tree is unfolded and it is asked who sees what.
 
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 
@@ -19,11 +20,12 @@ use crate::model::{Action, Container, Model, Span, StateKind, Transition, Trigge
 use super::components::strongly_connected;
 use super::uses::Uses;
 
-/// The most container instances that are unfolded: as many as a blob can hold. A machine with more is refused anyway (E012).
+/// The most container instances that are unfolded: as many as a blob can hold. A machine with more
+/// is refused anyway (E012).
 const MAX_INSTANCES: usize = format::NONE as usize - 1;
 
-/// The most pairs of an instance and an event of a circle that can be seen there. In a set of files with more, circles are not looked
-/// for.
+/// The most pairs of an instance and an event of a circle that can be seen there. In a set of files
+/// with more, circles are not looked for.
 const MAX_PAIRS: usize = 1_000_000;
 
 /// As many sends of a circle are shown.
@@ -278,8 +280,8 @@ impl Unfolded {
         Some(())
     }
 
-    /// A circle for each strongly connected set of events in instances, by the place of its first transition. The circle of a container
-    /// that is used several times is one.
+    /// A circle for each strongly connected set of events in instances, by the place of its first
+    /// transition. The circle of a container that is used several times is one.
     fn circles(&self, causes: &[Vec<Cause>]) -> BTreeMap<Span, Vec<Cause>> {
         let component = strongly_connected(&self.edges);
         // The first send of each component, with its instance.
@@ -368,7 +370,7 @@ impl Unfolded {
     }
 }
 
-// ─── Reports ──────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Reports ─────────────────────────────────────────────────────────────────────────────────────
 
 /// Where the `send`s of transitions stand, which the model does not say.
 struct SendPlaces<'t> {

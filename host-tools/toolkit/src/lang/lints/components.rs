@@ -1,8 +1,8 @@
 //! Circles in directed graphs.
 
-/// Gives each node the number of its strongly connected component: two nodes have the same number exactly if a way leads from each to
-/// the other. `edges[n]` lists where the edges from node `n` lead. After Tarjan (1972), with a stack of its own, in time linear in
-/// nodes and edges.
+/// Gives each node the number of its strongly connected component: two nodes have the same number
+/// exactly if a way leads from each to the other. `edges[n]` lists where the edges from node `n`
+/// lead. After Tarjan (1972), with a stack of its own, in time linear in nodes and edges.
 pub(super) fn strongly_connected(edges: &[Vec<usize>]) -> Vec<usize> {
     const UNSEEN: usize = usize::MAX;
     let count = edges.len();

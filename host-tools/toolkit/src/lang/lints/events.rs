@@ -1,9 +1,11 @@
 //! W102: events that are never sent, never received, or sent where no receiver can see them.
 //!
-//! An event that is sent in an instance of a container goes up as far as containers list it as `out event`, and down from everywhere
-//! on that way as far as they list it as `in event`. Whether there is an instance of a container in which an event can be seen, or
-//! from which it reaches a receiver, follows from the containers as they are written: what is below an instance is the same in all of
-//! them, and each way down to a container is some instance of it. So two passes over the containers do, one up and one down.
+//! An event that is sent in an instance of a container goes up as far as containers list it as
+//! `out event`, and down from everywhere on that way as far as they list it as `in event`. Whether
+//! there is an instance of a container in which an event can be seen, or from which it reaches a
+//! receiver, follows from the containers as they are written: what is below an instance is the same
+//! in all of them, and each way down to a container is some instance of it. So two passes over the
+//! containers do, one up and one down.
 
 use std::collections::HashMap;
 
@@ -14,11 +16,12 @@ use crate::model::{Action, Container, ContainerEvent, Model, Span, Trigger};
 
 use super::uses::Uses;
 
-/// The most pairs of a use of a container and an event that it passes on, in a set of files. In one that has more, W102 is not
-/// looked for.
+/// The most pairs of a use of a container and an event that it passes on, in a set of files. In one
+/// that has more, W102 is not looked for.
 const MAX_FORWARDINGS: usize = 4_000_000;
 
-/// Of so many reports it is worked out why nobody sees the event; it takes a look at all containers each.
+/// Of so many reports it is worked out why nobody sees the event; it takes a look at all containers
+/// each.
 const MAX_EXPLAINED: usize = 100;
 
 /// What is known of an event in a container.
@@ -214,7 +217,8 @@ fn keep(mentions: &mut Vec<Mention>, mention: Mention) {
     }
 }
 
-/// Adds the events that a container does not list and that pass between those it contains. Gives false where these are too many.
+/// Adds the events that a container does not list and that pass between those it contains. Gives
+/// false where these are too many.
 fn add_passed_on(model: &Model, uses: &Uses, facts: &mut [HashMap<usize, Facts>]) -> bool {
     let mut forwardings = 0;
     for (facts, inside) in facts.iter_mut().zip(&uses.inside) {
@@ -437,8 +441,8 @@ impl Report<'_> {
             .map_or("", |container| &container.name)
     }
 
-    /// The container whose border an event does not cross on its way from one that sends it to one that receives it, and the word with
-    /// which it would.
+    /// The container whose border an event does not cross on its way from one that sends it to one
+    /// that receives it, and the word with which it would.
     fn border(&self, from: usize, to: usize) -> Option<(usize, &'static str)> {
         let facts = |container| facts_of(self.facts, container, self.event.event);
         let mut at = from;

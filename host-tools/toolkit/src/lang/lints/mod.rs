@@ -1,10 +1,11 @@
-//! Warnings about what is declared: events that nobody hears, events in circles, limits of time that are over at once, things that
-//! nothing uses.
+//! Warnings about what is declared: events that nobody hears, events in circles, limits of time
+//! that are over at once, things that nothing uses.
 //!
-//! Whatever a warning rests on is known for certain: where something could not be read or resolved ([`Holes`]), the mistake that is
-//! reported already may be the only one.
+//! Whatever a warning rests on is known for certain: where something could not be read or resolved
+//! ([`Holes`]), the mistake that is reported already may be the only one.
 //!
-//! Containers are looked at as they are written, and not once for each use, since nesting can make the uses too many to count.
+//! Containers are looked at as they are written, and not once for each use, since nesting can make
+//! the uses too many to count.
 
 mod circles;
 mod components;
@@ -36,7 +37,8 @@ pub(super) fn check(
         .iter()
         .zip(&holes.containers)
         .any(|(container, holes)| container.is_machine && holes.is_twin);
-    // Where containers contain themselves, or there are two machines, there is no tree of instances to speak of.
+    // Where containers contain themselves, or there are two machines, there is no tree of instances
+    // to speak of.
     let Some(uses) = Uses::of(model, holes).filter(|_| has_one_machine) else {
         return;
     };

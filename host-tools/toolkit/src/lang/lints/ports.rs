@@ -1,7 +1,8 @@
 //! W107: data ports on no path, and outputs that nobody reads.
 //!
-//! The nets of a container are worked out once for all its instances: what reads a net below is the same in each of them, and each use
-//! of the container is an instance in which what is around may read it, too.
+//! The nets of a container are worked out once for all its instances: what reads a net below is the
+//! same in each of them, and each use of the container is an instance in which what is around may
+//! read it, too.
 
 use std::collections::{HashMap, HashSet};
 
@@ -77,7 +78,7 @@ fn kind_of(container: &Container, end: PathEnd) -> Option<&StateKind> {
     Some(&state.kind)
 }
 
-// ─── Nets ─────────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Nets ────────────────────────────────────────────────────────────────────────────────────────
 
 /// The nets of one container.
 #[derive(Default)]
@@ -185,7 +186,8 @@ impl Nets {
         inside.root(PathEnd::Container { port })
     }
 
-    /// Whether something reads at an end: an input of a task, or what is behind a superstate's port.
+    /// Whether something reads at an end: an input of a task, or what is behind a superstate's
+    /// port.
     fn reads(&self, model: &Model, container: &Container, end: PathEnd) -> bool {
         let PathEnd::State { port, .. } = end else {
             return false;
@@ -241,7 +243,7 @@ impl Nets {
     }
 }
 
-// ─── Ports ────────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Ports ───────────────────────────────────────────────────────────────────────────────────────
 
 /// What is known of the ports of tasks, or of containers.
 struct Ports {

@@ -22,7 +22,8 @@ fn told(checked: &Checked) -> String {
     text
 }
 
-/// Sources, and beginnings of the lines that they are told, in order. Of those with `no` in front of their name nothing is told.
+/// Sources, and beginnings of the lines that they are told, in order. Of those with `no` in front
+/// of their name nothing is told.
 fn compare(subject: Code, cases: &[(&str, String, &[&str])]) {
     let mut wrong = String::new();
     let mut without = 0;
@@ -59,7 +60,7 @@ fn mission(rest: &str) -> String {
     format!("interpreter slot 1; slot 1 period 10 ms duration 1 ms;\n{rest}")
 }
 
-// ─── W102 ─────────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── W102 ────────────────────────────────────────────────────────────────────────────────────────
 
 #[test]
 fn events_that_do_nothing_are_told() {
@@ -232,7 +233,7 @@ fn of_an_event_that_nobody_sees_the_border_is_named() {
     );
 }
 
-// ─── W104 ─────────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── W104 ────────────────────────────────────────────────────────────────────────────────────────
 
 #[test]
 fn circles_of_events_are_told_once_at_their_first_send() {
@@ -343,7 +344,7 @@ fn a_circle_is_shown_send_by_send() {
     assert_eq!(circle.span, circle.related[0].0);
 }
 
-// ─── W106 ─────────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── W106 ────────────────────────────────────────────────────────────────────────────────────────
 
 #[test]
 fn timeouts_that_are_over_at_once_are_told() {
@@ -372,7 +373,7 @@ fn timeouts_that_are_over_at_once_are_told() {
     compare(Code::W106, &cases);
 }
 
-// ─── W107 ─────────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── W107 ────────────────────────────────────────────────────────────────────────────────────────
 
 #[test]
 fn what_nothing_uses_is_told() {
@@ -470,11 +471,12 @@ fn unused_declarations_of_a_library_are_told_in_its_file() {
     assert_eq!(told(&alone), "");
 }
 
-// ─── Size ─────────────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Size ────────────────────────────────────────────────────────────────────────────────────────
 
 #[test]
 fn large_and_deeply_shared_sets_of_files_take_little_time() {
-    // Each container uses the one before it twice: 2^60 instances, and events pass through all of them.
+    // Each container uses the one before it twice: 2^60 instances, and events pass through all of
+    // them.
     let mut shared = mission(
         "container C0 { in event E; out event F; region r { state A; initial -> A; A -> A on E / send F; } }\n",
     );

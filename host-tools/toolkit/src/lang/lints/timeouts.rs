@@ -29,7 +29,8 @@ pub(super) fn check(model: &Model, holes: &Holes, sink: &mut Sink) {
             "the timeout of `{}`, {timeout_us} us, is not above the interpreter's period of {} us",
             state.name, slot.period_us
         );
-        // The timeout is over when more than the limit has passed, which is looked at once a period.
+        // The timeout is over when more than the limit has passed, which is looked at once a
+        // period.
         let after = if timeout_us < slot.period_us {
             "first"
         } else {
@@ -48,8 +49,9 @@ pub(super) fn check(model: &Model, holes: &Holes, sink: &mut Sink) {
     }
 }
 
-/// Removes the limit of a state that is over at the first macro step after the state is entered, and `[timeout]` from its
-/// transitions: these are taken at that step as before. None where the limit is read in another way.
+/// Removes the limit of a state that is over at the first macro step after the state is entered,
+/// and `[timeout]` from its transitions: these are taken at that step as before. None where the
+/// limit is read in another way.
 fn without_limit(model: &Model, region: &Region, state: usize) -> Option<Fix> {
     let declared = region.states.get(state)?;
     let text_of = |file: u32| Some(model.files.get(file as usize)?.text.as_str());

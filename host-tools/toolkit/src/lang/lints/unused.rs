@@ -1,6 +1,8 @@
-//! W107: slots, tasks, containers, flags and parameters that nothing uses. Data ports are in [`super::ports`].
+//! W107: slots, tasks, containers, flags and parameters that nothing uses. Data ports are in
+//! [`super::ports`].
 //!
-//! Asked only where there is a machine: a file of tasks and containers alone is there for others to use.
+//! Asked only where there is a machine: a file of tasks and containers alone is there for others to
+//! use.
 
 use std::collections::HashSet;
 
@@ -410,7 +412,8 @@ fn has_broken_slot(trees: &Trees<'_>) -> bool {
         })
 }
 
-/// For each name, whether it stood there before: then the first is the one that counts, and nothing is said about this.
+/// For each name, whether it stood there before: then the first is the one that counts, and nothing
+/// is said about this.
 fn repeated<'n>(names: impl Iterator<Item = &'n str>) -> Vec<bool> {
     let mut seen = HashSet::new();
     names.map(|name| !seen.insert(name)).collect()

@@ -79,7 +79,8 @@ impl Uses {
         })
     }
 
-    /// Whether a container may be used in ways that are not known here: in a set without a machine, by whoever takes the file in.
+    /// Whether a container may be used in ways that are not known here: in a set without a machine,
+    /// by whoever takes the file in.
     pub(super) fn has_unknown_surroundings(&self, model: &Model, container: usize) -> bool {
         model.machine != Some(container)
             && (!self.are_whole || self.is_in_machine.get(container) != Some(&true))

@@ -120,7 +120,8 @@ impl<'t> Parser<'t, '_> {
         }
     }
 
-    /// A state or transition between the regions: it is taken for one of the region before, so that its names are known.
+    /// A state or transition between the regions: it is taken for one of the region before, so that
+    /// its names are known.
     pub(super) fn outside_of_region(&mut self, container: &mut Container, expected: &str) {
         if self.loose_closes > 0 {
             // It is in the region that was left before.
@@ -136,7 +137,8 @@ impl<'t> Parser<'t, '_> {
         );
         match container.regions.last_mut() {
             Some(region) => {
-                // Whether the next `}` is the region's or the container's nobody knows: one more may follow.
+                // Whether the next `}` is the region's or the container's nobody knows: one more
+                // may follow.
                 self.loose_closes += 1;
                 self.region_items(region);
                 self.tell_limits(region);
@@ -199,7 +201,8 @@ impl<'t> Parser<'t, '_> {
         }
     }
 
-    /// `in`, `out` or `inout` of a container. A machine has none, but what it lists is known all the same.
+    /// `in`, `out` or `inout` of a container. A machine has none, but what it lists is known all
+    /// the same.
     pub(super) fn container_port(
         &mut self,
         container: &mut Container,
@@ -281,7 +284,8 @@ impl<'t> Parser<'t, '_> {
         path
     }
 
-    /// Whether an end can be over here. Behind an end that is cut short nobody knows what its names mean.
+    /// Whether an end can be over here. Behind an end that is cut short nobody knows what its names
+    /// mean.
     pub(super) fn at_end_of_path_end(&mut self) -> bool {
         let is_over = matches!(self.token.kind, T::Comma | T::Arrow | T::Semicolon)
             || self.at_start_of_item()

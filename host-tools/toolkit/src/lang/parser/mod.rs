@@ -1,12 +1,13 @@
 //! From tokens to a [`tree`](super::tree), whatever the tokens are.
 //!
-//! The parser is one function a production, in the order of the grammar. Two rules keep one mistake from costing more than one
-//! message, and from costing names that can still be read:
+//! The parser is one function a production, in the order of the grammar. Two rules keep one mistake
+//! from costing more than one message, and from costing names that can still be read:
 //!
-//! - **A mistake is reported where it is found, and not again.** Each production goes on as if what it missed had been there; what
-//!   it then misses at the same token is not reported.
-//! - **Skipping stops early**: at the `;` or block that ends a statement, before a `}`, and before a word that only starts a
-//!   declaration. A word that is nearly such a word is taken for it; a `}` too many or too few closes no more than its own body.
+//! - **A mistake is reported where it is found, and not again.** Each production goes on as if what
+//!   it missed had been there; what it then misses at the same token is not reported.
+//! - **Skipping stops early**: at the `;` or block that ends a statement, before a `}`, and before
+//!   a word that only starts a declaration. A word that is nearly such a word is taken for it; a
+//!   `}` too many or too few closes no more than its own body.
 //!
 //! Recursion happens in guards alone, and is bounded by [`MAX_GUARD_DEPTH`].
 
@@ -63,14 +64,15 @@ struct Parser<'t, 's> {
     /// Start of the token at which something was reported last.
     reported_at: Option<u32>,
     body: Body,
-    /// Whether something in this statement was not as expected, so that what follows in it may mean anything.
+    /// Whether something in this statement was not as expected, so that what follows in it may mean
+    /// anything.
     is_lost: bool,
     /// Whether that goes on into the next statement.
     stays_lost: bool,
     /// Whether a comment that is never closed hides the rest of the file.
     is_cut: bool,
-    /// How many `}` may stand where nothing is open, because of what has been reported: a body that was left without its own, or one
-    /// that something outside of it was taken into.
+    /// How many `}` may stand where nothing is open, because of what has been reported: a body that
+    /// was left without its own, or one that something outside of it was taken into.
     loose_closes: usize,
     /// Words that were used as names and cannot be.
     no_names: HashSet<&'t str>,
@@ -129,7 +131,7 @@ impl<'t, 's> Parser<'t, 's> {
         parser
     }
 
-    // ─── Tokens ───────────────────────────────────────────────────────────────────────────────────────────────────
+    // ─── Tokens ──────────────────────────────────────────────────────────────────────────────────
 
     /// Goes to the next token.
     fn bump(&mut self) {
@@ -184,7 +186,8 @@ impl<'t, 's> Parser<'t, 's> {
             .map(|(_, docs)| docs)
     }
 
-    /// Whether the next token is this one again, which is not how any statement goes on. It is then taken once.
+    /// Whether the next token is this one again, which is not how any statement goes on. It is then
+    /// taken once.
     fn is_repeated(&self) -> bool {
         if self.next.kind != self.token.kind {
             return false;
@@ -254,9 +257,10 @@ impl<'t, 's> Parser<'t, 's> {
         }
     }
 
-    // ─── Reports ──────────────────────────────────────────────────────────────────────────────────────────────────
+    // ─── Reports ─────────────────────────────────────────────────────────────────────────────────
 
-    /// Whether something has been reported at the current token, or the statement is lost already: no more is said then.
+    /// Whether something has been reported at the current token, or the statement is lost already:
+    /// no more is said then.
     fn is_told(&self) -> bool {
         self.reported_at == Some(self.token.start) || self.is_lost
     }
@@ -269,7 +273,8 @@ impl<'t, 's> Parser<'t, 's> {
         }
     }
 
-    /// Keeps from reporting what is missing at the current token: it is hidden in what was reported before it.
+    /// Keeps from reporting what is missing at the current token: it is hidden in what was reported
+    /// before it.
     fn report_nothing_here(&mut self) {
         self.reported_at = Some(self.token.start);
     }
@@ -329,7 +334,8 @@ impl<'t, 's> Parser<'t, 's> {
         self.is_lost = true;
     }
 
-    /// Reports that something else was expected here, where it is clear what is meant: the statement goes on.
+    /// Reports that something else was expected here, where it is clear what is meant: the
+    /// statement goes on.
     fn corrected(&mut self, what: &str, hint: Option<String>) {
         let fixes = Vec::new();
         self.mended(what, Cure { hint, fixes });
@@ -367,7 +373,7 @@ impl<'t, 's> Parser<'t, 's> {
         self.report(diagnostic);
     }
 
-    // ─── Skipping ─────────────────────────────────────────────────────────────────────────────────────────────────
+    // ─── Skipping ────────────────────────────────────────────────────────────────────────────────
 
     /// Whether the current token can only be the start of a declaration or transition.
     fn at_start_of_item(&self) -> bool {
@@ -381,7 +387,8 @@ impl<'t, 's> Parser<'t, 's> {
         }
     }
 
-    /// Skips the rest of a statement: to the `;` or block that ends it, or before what cannot belong to it.
+    /// Skips the rest of a statement: to the `;` or block that ends it, or before what cannot
+    /// belong to it.
     fn skip_statement(&mut self, mut names: Option<&mut Vec<Name>>) {
         loop {
             match self.token.kind {
@@ -476,7 +483,8 @@ impl<'t, 's> Parser<'t, 's> {
         self.skip_statement(None);
     }
 
-    /// The start of a body. Without a brace there can still be a body, if something follows that belongs into one.
+    /// The start of a body. Without a brace there can still be a body, if something follows that
+    /// belongs into one.
     fn open_body(&mut self) -> bool {
         if self.is_in_body(self.token.kind) && self.at_start_of_item() {
             let insert = Edit::replace(self.behind_last(), " {");
@@ -536,8 +544,8 @@ impl<'t, 's> Parser<'t, 's> {
         }
     }
 
-    /// A word where only a declaration can start: the word that is meant, if it is nearly one of those that are possible. The
-    /// mistake is then reported.
+    /// A word where only a declaration can start: the word that is meant, if it is nearly one of
+    /// those that are possible. The mistake is then reported.
     fn misspelt(&mut self, possible: &[(&'static str, T)]) -> Option<T> {
         let follows = matches!(
             self.next.kind,

@@ -330,7 +330,8 @@ impl Parser<'_, '_> {
         }
     }
 
-    /// `A: T;`, `A timeout 1 s;`, `A;`: what kind of state this is meant to be cannot be told, but it has a name.
+    /// `A: T;`, `A timeout 1 s;`, `A;`: what kind of state this is meant to be cannot be told, but
+    /// it has a name.
     pub(super) fn nameless_item(&mut self, region: &mut Region) {
         region.skipped.push(Name(self.here()));
         self.bump();
@@ -341,8 +342,8 @@ impl Parser<'_, '_> {
         self.skip_statement(None);
     }
 
-    /// Two names in a row: a transition without its arrow, or a state whose word is misspelt. What was found against expectation is
-    /// the second name.
+    /// Two names in a row: a transition without its arrow, or a state whose word is misspelt. What
+    /// was found against expectation is the second name.
     pub(super) fn misspelt_in_region(&mut self, region: &mut Region) {
         const WORDS: [(&str, T); 3] = [("state", T::State), ("task", T::Task), ("super", T::Super)];
         let word = self.token;
@@ -375,7 +376,8 @@ impl Parser<'_, '_> {
         }
     }
 
-    /// Whether `task` starts the declaration of a task (`task T {`, `task T slot …`), not a task state.
+    /// Whether `task` starts the declaration of a task (`task T {`, `task T slot …`), not a task
+    /// state.
     pub(super) fn at_task_declaration(&self) -> bool {
         let mut behind = self.lexer_behind_next();
         self.next.kind == T::Identifier

@@ -114,7 +114,8 @@ impl Parser<'_, '_> {
         }
     }
 
-    /// Eats a word that stands where a name should, and cannot be one. It is reported once: its other uses follow from the first.
+    /// Eats a word that stands where a name should, and cannot be one. It is reported once: its
+    /// other uses follow from the first.
     fn no_name(&mut self, what: &str, hint: &str) {
         if self.no_names.insert(self.text_of(self.token)) {
             self.corrected(what, Some(hint.to_owned()));
@@ -126,7 +127,8 @@ impl Parser<'_, '_> {
         self.at(T::Identifier) && self.text_of(self.token) == word
     }
 
-    /// One of some words that are not reserved. A word that is nearly one of them is taken for it and reported.
+    /// One of some words that are not reserved. A word that is nearly one of them is taken for it
+    /// and reported.
     pub(super) fn word(&mut self, possible: &[&'static str]) -> Option<&'static str> {
         if !self.at(T::Identifier) {
             return None;

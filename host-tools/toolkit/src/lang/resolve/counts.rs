@@ -1,8 +1,9 @@
 //! How many task states of a task there can be: what its `count` says (E012).
 //!
-//! Each use of a container counts its task states anew. They are counted without laying the instances out: how many instances each
-//! container has, from the outside in; and where a task has too many states, how many are inside each container, which leads down to
-//! the first one too many in the order of the instance tree.
+//! Each use of a container counts its task states anew. They are counted without laying the
+//! instances out: how many instances each container has, from the outside in; and where a task has
+//! too many states, how many are inside each container, which leads down to the first one too many
+//! in the order of the instance tree.
 
 use crate::lang::diagnostic::{Code, Diagnostic};
 use crate::model::{Model, Span};
@@ -13,8 +14,9 @@ use super::{ContainerFacts, Kind};
 /// As many superstates are shown around the first task state too many.
 const MAX_SHOWN: usize = 4;
 
-/// Looks for tasks of which the machine has more task states than there is room for. `order`: the containers, each behind all that it
-/// uses; without one nothing is counted, nor in a set without a machine.
+/// Looks for tasks of which the machine has more task states than there is room for. `order`: the
+/// containers, each behind all that it uses; without one nothing is counted, nor in a set without a
+/// machine.
 pub(super) fn check(
     facts: &[ContainerFacts<'_>],
     model: &Model,
@@ -29,7 +31,8 @@ pub(super) fn check(
         let Some(room) = task.count.map(u64::from).filter(|&room| needed > room) else {
             continue;
         };
-        // Only of those that have too many, so that a set of many tasks costs no more than it is long.
+        // Only of those that have too many, so that a set of many tasks costs no more than it is
+        // long.
         if names.omits_error() {
             continue;
         }
@@ -112,7 +115,8 @@ fn states<'a>(
     regions.flatten().map(|state| (state.kind, state.span))
 }
 
-/// The task state behind so many others of its task, and the superstates around it from the outside in.
+/// The task state behind so many others of its task, and the superstates around it from the outside
+/// in.
 fn beyond(
     facts: &[ContainerFacts<'_>],
     task: usize,

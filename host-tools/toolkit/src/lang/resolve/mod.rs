@@ -1,8 +1,9 @@
 //! From trees to a [`Model`]: names are looked up, rules are checked.
 //!
-//! All declarations of the set come first (slots, tasks, ports of containers), then the bodies that refer to them, then the rules
-//! that need the whole: recursion, data paths, time. What is unknown stays unknown through all of it, so that one mistake is
-//! reported once: nothing is said about a state whose task is unknown, or about a name that may stand in what could not be read.
+//! All declarations of the set come first (slots, tasks, ports of containers), then the bodies that
+//! refer to them, then the rules that need the whole: recursion, data paths, time. What is unknown
+//! stays unknown through all of it, so that one mistake is reported once: nothing is said about a
+//! state whose task is unknown, or about a name that may stand in what could not be read.
 
 mod counts;
 mod literals;
@@ -189,7 +190,8 @@ pub(super) fn resolve(set: &Trees<'_>, sink: &mut Sink) -> Resolved {
     }
 }
 
-/// What is not known of the containers themselves; of their regions that is found out with the regions.
+/// What is not known of the containers themselves; of their regions that is found out with the
+/// regions.
 fn container_holes<'f>(
     trees: &[&'f tree::Container],
     facts: &[ContainerFacts<'f>],

@@ -13,8 +13,8 @@ use super::scope::{Found, Names, Scope};
 use super::tasks::TaskTable;
 use super::{ContainerFacts, Kind, ResolvedPaths};
 
-/// Resolves all data paths and checks their nets. `order` has each container behind all that it uses; without it nothing is known
-/// of what is inside the superstates, and no writer is missed.
+/// Resolves all data paths and checks their nets. `order` has each container behind all that it
+/// uses; without it nothing is known of what is inside the superstates, and no writer is missed.
 pub(super) fn check<'f>(
     trees: &[&'f tree::Container],
     facts: &[ContainerFacts<'f>],
@@ -79,7 +79,8 @@ struct Wired {
     supplied: Vec<bool>,
 }
 
-/// Reports the first fault of each net. A port of a container joins the net outside with the net inside.
+/// Reports the first fault of each net. A port of a container joins the net outside with the net
+/// inside.
 fn report_faults(wired: &mut [Wired], facts: &[ContainerFacts<'_>], names: &mut Names<'_, '_>) {
     // Nodes of all containers in one forest, those of each behind those of the one before.
     let mut first_nodes = Vec::with_capacity(wired.len());
@@ -376,7 +377,7 @@ impl<'f> Wiring<'_, 'f> {
         }
     }
 
-    // ─── Ends ─────────────────────────────────────────────────────────────────────────────────────────────────────
+    // ─── Ends ────────────────────────────────────────────────────────────────────────────────────
 
     fn end(
         &self,
@@ -582,7 +583,7 @@ impl<'f> Wiring<'_, 'f> {
         Some((end, model))
     }
 
-    // ─── What is at the ends ──────────────────────────────────────────────────────────────────────────────────────
+    // ─── What is at the ends ─────────────────────────────────────────────────────────────────────
 
     fn kind(&self, region: usize, state: usize) -> Kind {
         self.facts
@@ -655,7 +656,7 @@ impl<'f> Wiring<'_, 'f> {
         }
     }
 
-    // ─── Rules ────────────────────────────────────────────────────────────────────────────────────────────────────
+    // ─── Rules ───────────────────────────────────────────────────────────────────────────────────
 
     fn wrong_direction(
         &self,
@@ -898,7 +899,8 @@ impl<'f> Wiring<'_, 'f> {
     }
 }
 
-/// Whether a port can stand on a side of the arrow: data flow out of states, and out of the container's own inputs.
+/// Whether a port can stand on a side of the arrow: data flow out of states, and out of the
+/// container's own inputs.
 fn fits_side(end: PathEnd, direction: Direction, is_before_arrow: bool) -> bool {
     let is_container = matches!(end, PathEnd::Container { .. });
     match direction {

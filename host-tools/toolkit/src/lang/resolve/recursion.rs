@@ -23,8 +23,8 @@ struct Step {
     next_use: usize,
 }
 
-/// Orders the containers so that each stands behind all that it uses. Each `super` that closes a circle is reported; then there is
-/// no order.
+/// Orders the containers so that each stands behind all that it uses. Each `super` that closes a
+/// circle is reported; then there is no order.
 pub(super) fn children_first(
     facts: &[ContainerFacts<'_>],
     model: &Model,

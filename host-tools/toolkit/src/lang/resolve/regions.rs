@@ -162,7 +162,8 @@ impl<'f> Resolver<'_, 'f> {
                 }
             }
         }
-        // Where a region starts is part of what it does: without it nothing is known of what can be reached.
+        // Where a region starts is part of what it does: without it nothing is known of what can be
+        // reached.
         holes.body |= !has_initial;
         if let (Some(name), false) = (tree.name, has_initial) {
             let first = region
@@ -190,7 +191,7 @@ impl<'f> Resolver<'_, 'f> {
         }
     }
 
-    // ─── States ───────────────────────────────────────────────────────────────────────────────────────────────────
+    // ─── States ──────────────────────────────────────────────────────────────────────────────────
 
     fn state(&self, tree: &tree::State, names: &mut Names<'f, '_>) -> (State, StateFacts) {
         let name = tree.name.map_or("", |name| names.text(name.0));
@@ -736,7 +737,7 @@ impl<'f> Context<'_, 'f> {
         self.around.events.get(index).map(|event| event.event)
     }
 
-    // ─── Guards ───────────────────────────────────────────────────────────────────────────────────────────────────
+    // ─── Guards ──────────────────────────────────────────────────────────────────────────────────
 
     /// Resolves a guard. The depth of the recursion is that of the tree, which the parser bounds.
     fn guard(&self, term: &GuardTerm, source: End<'f>, names: &mut Names<'f, '_>) -> Option<Guard> {
@@ -837,7 +838,7 @@ impl<'f> Context<'_, 'f> {
         format!("{word} {}{colon}", state.name)
     }
 
-    // ─── Flags ────────────────────────────────────────────────────────────────────────────────────────────────────
+    // ─── Flags ───────────────────────────────────────────────────────────────────────────────────
 
     /// A flag of a task state or superstate, as index into the flags of its task or container.
     fn own_flag(

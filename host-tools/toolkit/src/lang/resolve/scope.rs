@@ -87,8 +87,8 @@ impl<'f> Scope<'f> {
     }
 }
 
-/// How many names may be compared in all to find what was meant: enough for every text that a person wrote, and a bound for those
-/// that nobody did.
+/// How many names may be compared in all to find what was meant: enough for every text that a
+/// person wrote, and a bound for those that nobody did.
 const MAX_COMPARISONS: usize = 5_000_000;
 
 /// Texts of names, and reports on them.
@@ -171,7 +171,8 @@ impl<'f, 's> Names<'f, 's> {
         self.sink.push(diagnostic);
     }
 
-    /// Declares a name that was read, and reports one that is there already. `what` is the kind of thing, as in "state".
+    /// Declares a name that was read, and reports one that is there already. `what` is the kind of
+    /// thing, as in "state".
     pub(super) fn declare(
         &mut self,
         scope: &mut Scope<'f>,
@@ -202,8 +203,8 @@ impl<'f, 's> Names<'f, 's> {
         );
     }
 
-    /// The index of a name that must be in a scope. An unknown one is reported with the nearest name of the scope, or, where none is
-    /// near, with `otherwise`.
+    /// The index of a name that must be in a scope. An unknown one is reported with the nearest
+    /// name of the scope, or, where none is near, with `otherwise`.
     pub(super) fn resolve<C: Into<Cure>>(
         &mut self,
         scope: &Scope<'f>,

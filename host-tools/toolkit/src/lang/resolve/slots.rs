@@ -105,7 +105,8 @@ impl SlotTable {
         Some(SlotRef::Slot(index))
     }
 
-    /// Reports a slot that is not declared, unless that was done already; not in a set without a machine.
+    /// Reports a slot that is not declared, unless that was done already; not in a set without a
+    /// machine.
     pub(super) fn report_unknown(&self, number: Number, names: &mut Names<'_, '_>) {
         if self.must_be_declared && !self.is_incomplete && names.is_news(number.value) {
             names.unknown(

@@ -73,8 +73,8 @@ impl<'f> TaskTable<'f> {
         table
     }
 
-    /// Reports slots that are not declared, at the first task that is used and names one. A library's tasks name slots of their own;
-    /// those that a mission does not use cost it nothing.
+    /// Reports slots that are not declared, at the first task that is used and names one. A
+    /// library's tasks name slots of their own; those that a mission does not use cost it nothing.
     fn report_unknown_slots(&self, set: &Trees<'f>, slots: &SlotTable, names: &mut Names<'f, '_>) {
         let states = set
             .trees

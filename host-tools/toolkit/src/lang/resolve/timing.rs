@@ -1,6 +1,7 @@
 //! Time: what is asked for must be there (E010).
 //!
-//! What tasks that share a slot take together is added up by [`sharing`](crate::lang::analysis::sharing).
+//! What tasks that share a slot take together is added up by
+//! [`sharing`](crate::lang::analysis::sharing).
 
 use crate::lang::analysis::activity::{Activity, StateId};
 use crate::lang::analysis::sharing::{Loads, Member};
@@ -39,7 +40,7 @@ pub(super) fn check(
     }
 }
 
-// ─── Utilisation ──────────────────────────────────────────────────────────────────────────────────────────────────────
+// ─── Utilisation ─────────────────────────────────────────────────────────────────────────────────
 
 fn check_utilisation(slots: &SlotTable, model: &Model, names: &mut Names<'_, '_>) {
     let specs: Vec<SlotSpec> = model
@@ -70,7 +71,7 @@ fn check_utilisation(slots: &SlotTable, model: &Model, names: &mut Names<'_, '_>
     );
 }
 
-// ─── One task in its slot ─────────────────────────────────────────────────────────────────────────────────────────────
+// ─── One task in its slot ────────────────────────────────────────────────────────────────────────
 
 /// A task state that names a slot itself must fit it. What a task names is checked with the task.
 fn check_wcets(
@@ -122,7 +123,7 @@ fn report_wcet(
     );
 }
 
-// ─── Tasks that share a slot ──────────────────────────────────────────────────────────────────────────────────────────
+// ─── Tasks that share a slot ─────────────────────────────────────────────────────────────────────
 
 /// The task states that can be active and fit their slot alone, and the superstates around them.
 fn loads_of<'m>(

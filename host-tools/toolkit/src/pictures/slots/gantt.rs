@@ -1,4 +1,5 @@
-//! A row for each slot, or for the slots of a period where there are many, and one for what is free.
+//! A row for each slot, or for the slots of a period where there are many, and one for what is
+//! free.
 
 use super::super::axis;
 use super::{

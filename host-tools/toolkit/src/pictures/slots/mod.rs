@@ -1,7 +1,8 @@
 //! A schedule: when each slot runs, what is left for slot 0, and how the slots are packed.
 //!
-//! What is shown large is one hyperperiod where people can read that, else its busiest window; then a strip above shows where that is. Nothing here is as long
-//! as the hyperperiod, and nothing as wide as the number of slots: beyond [`MAX_ROWS`] slots those of one period share a row.
+//! What is shown large is one hyperperiod where people can read that, else its busiest window; then
+//! a strip above shows where that is. Nothing here is as long as the hyperperiod, and nothing as
+//! wide as the number of slots: beyond [`MAX_ROWS`] slots those of one period share a row.
 
 mod gantt;
 mod overview;
@@ -14,7 +15,8 @@ use super::font::{self, Weight};
 use super::scene::{Anchor, Colour, Scene, Stroke, words};
 use crate::timetable::{Extent, Gap, Occurrence, Timetable, Window, gaps};
 
-/// More slots than this share rows by their periods; of more periods than this the longest share one row.
+/// More slots than this share rows by their periods; of more periods than this the longest share
+/// one row.
 pub const MAX_ROWS: usize = 48;
 
 /// Frames that the packing view shows at most.
@@ -60,7 +62,8 @@ const PAPER: Colour = Colour::opaque(0xffffff);
 const FREE: Colour = Colour::opaque(0xd9dee4);
 /// Several slots of different periods that are too narrow to be told apart.
 const SEVERAL: Colour = Colour::opaque(0x4a4f57);
-/// From the shortest period to the longest: they differ in lightness too, so that they can be told apart by everyone and in grey.
+/// From the shortest period to the longest: they differ in lightness too, so that they can be told
+/// apart by everyone and in grey.
 const PERIODS: [Colour; 7] = [
     Colour::opaque(0x47267a),
     Colour::opaque(0x3d4e8a),

@@ -1,6 +1,8 @@
-//! The schedule cut into frames, one below the other: what stands in a column recurs, and what is free is seen at once.
+//! The schedule cut into frames, one below the other: what stands in a column recurs, and what is
+//! free is seen at once.
 //!
-//! Where all periods are multiples of a frame, a slot stands at the same place of every frame that it is in; so free rectangles are what another slot could have.
+//! Where all periods are multiples of a frame, a slot stands at the same place of every frame that
+//! it is in; so free rectangles are what another slot could have.
 
 use std::collections::BTreeMap;
 
@@ -30,7 +32,8 @@ const LEAST_WIDTH: f32 = 0.9;
 /// The greatest common divisor is the frame if the shortest period has at most so many of it.
 const MOST_DIVISORS: u64 = 4;
 
-/// A slot, or several narrow ones, in one frame: from where to where, in microseconds from the frame's beginning.
+/// A slot, or several narrow ones, in one frame: from where to where, in microseconds from the
+/// frame's beginning.
 type Place = (u64, u64, Content);
 
 /// Draws the view below `top`; gives where it ends.
@@ -165,7 +168,8 @@ fn tooltip(
     format!("{what}: {from_us} us to {to_us} us of {frames}")
 }
 
-/// Where slots are in frames, and in which: runs of frames that follow each other, by their first one, counted from the first that is shown, and their number.
+/// Where slots are in frames, and in which: runs of frames that follow each other, by their first
+/// one, counted from the first that is shown, and their number.
 fn places(
     view: &View<'_>,
     frame_us: u64,
