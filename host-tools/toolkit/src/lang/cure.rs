@@ -346,7 +346,7 @@ mod tests {
     /// The text with an edit made; `<…>` marks the span.
     fn edited(text: &str, edit: impl Fn(&str, Span) -> Option<Edit>) -> Option<String> {
         let (before, marked) = text.split_once('<')?;
-        let (marked, behind) = marked.split_once('>')?;
+        let (marked, behind) = marked.rsplit_once('>')?;
         let (start, end) = (before.len(), before.len() + marked.len());
         let plain = [before, marked, behind].concat();
         let span = Span {
