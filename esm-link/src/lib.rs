@@ -5,8 +5,8 @@
 //! under the same sequence number, and the robot, which remembers its last answer, does nothing twice. Beside answers the robot
 //! sends [trace records](trace), a [recording] and log bytes as streams, where there is room between answers.
 //!
-//! There is no I/O here, no clock, no thread and no allocation: bytes and times come in, bytes and deadlines go out. So firmware, the
-//! `esm` command and a page in a browser run the same code.
+//! There is no I/O here, no clock, no thread and no allocation, so that firmware and the `esm` command
+//! run the same code. Who asks when, and what a robot does about it, is not here either.
 //!
 //! ```
 //! use esm_link::frame::{self, FrameReader, MAX_FRAME_BYTES};
