@@ -42,6 +42,7 @@ macro_rules! planted {
 
 pub mod access;
 pub mod black_box;
+mod credentials;
 pub mod features;
 pub mod frame;
 pub mod key_store;
@@ -53,10 +54,10 @@ pub mod keys;
 pub mod message;
 #[cfg(feature = "mutants")]
 pub mod mutants;
-pub mod news;
 #[cfg(feature = "keys")]
 pub mod proof;
 pub mod recording;
 pub mod telemetry;
 pub mod trace;
-pub mod trial;
+
+pub use message::{news, trial};
