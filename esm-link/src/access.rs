@@ -5,22 +5,11 @@
 //! those bytes, for this once ([`Request::Signed`]). What only reads is open to everyone, and so
 //! are [`Request::Stop`] and [`Request::EmergencyStop`]: whoever sees a robot do harm may stop it.
 
-use serde::{Deserialize, Serialize};
-
+pub use crate::credentials::{
+    Access, KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
+};
 use crate::message::Request;
 
-/// Bytes of a public key.
-pub const KEY_BYTES: usize = 32;
-/// Bytes of a signature.
-pub const SIGNATURE_BYTES: usize = 64;
-/// Bytes of the number that a robot gives out for one signed request.
-pub const NONCE_BYTES: usize = 16;
-/// Bytes of the random number that names a robot's secret.
-pub const SALT_BYTES: usize = 16;
-/// Bytes of what robot and owner know alone.
-pub const SECRET_BYTES: usize = 16;
-/// Bytes of a proof: a message authentication code, cut to this length.
-pub const PROOF_BYTES: usize = 16;
 /// Greatest number of bytes of a request that is signed, as it is serialized: the longest is
 /// [`Request::InstallKey`] within a time.
 pub const MAX_SIGNED_BYTES: usize = 148;
@@ -46,27 +35,6 @@ const INSTALL: [u8; CONTEXT_BYTES] = *b"esm install v2\0\0";
 
 /// Stands for the signature of an upload where a request has nothing to do with one.
 pub const NO_UPLOAD: [u8; SIGNATURE_BYTES] = [0; SIGNATURE_BYTES];
-
-/// Whether a robot has a key, as it tells with its [`Hello`](crate::message::Response::Hello).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Access {
-    /// It cannot have one: its firmware was built without, or has nowhere to keep it. It takes
-    /// requests from anyone.
-    #[default]
-    Unsupported,
-    /// It has none. It takes requests from anyone, [`Request::InstallKey`] among them.
-    Open,
-    /// It has one.
-    Locked,
-    /// What it keeps of its key cannot be read. It takes nothing that needs a key.
-    Unreadable,
-    /// Its records cannot be read, but it remembers the key that it had. It takes nothing but a key
-    /// that this one has signed: that begins its records anew.
-    Recovering,
-    /// Its records cannot be read, and it is certain that it had no key. It takes nothing but a
-    /// key, from anyone: that begins its records anew.
-    Damaged,
-}
 
 /// What a robot with a key asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

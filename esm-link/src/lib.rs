@@ -7,8 +7,8 @@
 //! [trace records](trace), a [recording] and log bytes as streams, where there is room between
 //! answers.
 //!
-//! There is no I/O here, no clock, no thread and no allocation: bytes and times come in, bytes and
-//! deadlines go out. So firmware, the `esm` command and a page in a browser run the same code.
+//! There is no I/O here, no clock, no thread and no allocation, so that firmware and the `esm` command
+//! run the same code. Who asks when, and what a robot does about it, is not here either.
 //!
 //! ```
 //! use esm_link::frame::{self, FrameReader, MAX_FRAME_BYTES};
@@ -44,6 +44,7 @@ macro_rules! planted {
 
 pub mod access;
 pub mod black_box;
+mod credentials;
 pub mod features;
 pub mod frame;
 pub mod key_store;
@@ -55,10 +56,10 @@ pub mod keys;
 pub mod message;
 #[cfg(feature = "mutants")]
 pub mod mutants;
-pub mod news;
 #[cfg(feature = "keys")]
 pub mod proof;
 pub mod recording;
 pub mod telemetry;
 pub mod trace;
-pub mod trial;
+
+pub use message::{news, trial};

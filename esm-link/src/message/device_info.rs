@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::last_words::ResetReason;
-use crate::access::Access;
+use crate::credentials::Access;
 
 #[cfg(doc)]
 use super::{MAX_CHUNK, PROTOCOL_VERSION, Request};

@@ -8,27 +8,31 @@ mod device_info;
 mod error;
 mod flash;
 mod last_words;
+mod mode;
+pub mod news;
 mod request;
 mod response;
 mod status;
 mod stream;
 #[cfg(test)]
 mod tests;
+pub mod trial;
 
 pub use counters::{DELAY_BUCKETS, SlotCounters, TaskCounters};
 pub use device_info::{Capacities, Capacity, DeviceInfo, Uploads};
 pub use error::LinkError;
 pub use flash::{FlashHealth, Kept, RecordsState, SlotState, Source, WayIn};
 pub use last_words::{CoreFault, LastWords, MAX_PLACE_BYTES, ResetReason, Silent};
+pub use mode::{Mode, SafeReason};
 pub use request::{Request, Swap};
 pub use response::{Identity, NO_STATE, Response};
-pub use status::{Mode, SafeReason, Status};
+pub use status::Status;
 pub use stream::{Channel, Stream};
 
 use serde::{Deserialize, Serialize};
 
-use crate::access::PROOF_BYTES;
-use crate::news::News;
+use crate::credentials::PROOF_BYTES;
+use news::News;
 
 /// Version of everything in this module. A host and a robot with different versions only exchange
 /// [`Request::Hello`], whose encoding, and that of its answer's first field, never changes.

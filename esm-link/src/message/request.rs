@@ -2,12 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::access::{NONCE_BYTES, PROOF_BYTES};
+use crate::credentials::{NONCE_BYTES, PROOF_BYTES};
 
 #[cfg(doc)]
 use super::{DeviceInfo, LinkError, MAX_CHUNK, Mode, Response, Uploads};
 #[cfg(doc)]
-use crate::access::KEY_BYTES;
+use crate::credentials::KEY_BYTES;
 
 /// What a host can ask for.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

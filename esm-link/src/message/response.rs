@@ -6,7 +6,7 @@ use super::counters::{SlotCounters, TaskCounters};
 use super::device_info::DeviceInfo;
 use super::last_words::LastWords;
 use super::status::Status;
-use crate::access::{KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
+use crate::credentials::{KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
 use crate::features::Features;
 
 #[cfg(doc)]

@@ -1,5 +1,7 @@
 //! The greatest messages, and what is read out of counters.
 
+use super::news::Cause;
+use super::trial::{FallBack, FallBackReason, Trial};
 use super::*;
 use crate::access::{
     Access, KEY_BYTES, MAX_PROVEN_BYTES, MAX_SIGNED_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES,
@@ -7,9 +9,7 @@ use crate::access::{
 };
 use crate::features::Features;
 use crate::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, encode};
-use crate::news::Cause;
 use crate::telemetry::MAX_ASK_BYTES;
-use crate::trial::{FallBack, FallBackReason, Trial};
 
 #[test]
 fn a_bucket_of_delays_that_is_full_by_itself_is_known_all_the_same() {

@@ -3,8 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::message::Mode;
-use crate::trial::FallBack;
+use super::mode::Mode;
+use super::trial::FallBack;
 
 /// The shortest period of samples, in milliseconds: a shorter one counts as this. A sample is less
 /// than 8 ms of a line of 115,200 baud.
