@@ -2,8 +2,8 @@
 
 use crate::lang::analysis::holes::Holes;
 use crate::lang::cure::{remove_limit, without_timeout};
-use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix, Sink};
-use crate::model::{Guard, Model, Region, Source, Trigger};
+use crate::lang::diagnostic::{Code, Diagnostic, Fix, Sink};
+use crate::model::{Guard, Model, Region, Source, State, Transition, Trigger};
 
 /// Reports states whose timeout is not above the interpreter's period.
 pub(super) fn check(model: &Model, holes: &Holes, sink: &mut Sink) {
@@ -18,10 +18,10 @@ pub(super) fn check(model: &Model, holes: &Holes, sink: &mut Sink) {
         .iter()
         .flat_map(|container| &container.regions);
     let states = regions.flat_map(|region| {
-        let states = region.states.iter().enumerate();
-        states.map(move |(index, state)| (region, index, state))
+        let readers = timeout_readers(region);
+        region.states.iter().zip(readers)
     });
-    for (region, index, state) in states {
+    for (state, readers) in states {
         let Some(timeout_us) = state.timeout_us.filter(|&limit| limit <= slot.period_us) else {
             continue;
         };
@@ -43,32 +43,43 @@ pub(super) fn check(model: &Model, holes: &Holes, sink: &mut Sink) {
             ))
             .related(slot.span, "the slot that runs the interpreter");
         if timeout_us < slot.period_us {
-            diagnostic.fixes.extend(without_limit(model, region, index));
+            diagnostic
+                .fixes
+                .extend(without_limit(model, state, &readers));
         }
         sink.push(diagnostic);
     }
 }
 
+/// The transitions that read `timeout`, for each state of a region.
+fn timeout_readers(region: &Region) -> Vec<Vec<&Transition>> {
+    let mut readers = vec![Vec::new(); region.states.len()];
+    for transition in &region.transitions {
+        if let Source::State(state) = transition.source
+            && transition.guard.as_ref().is_some_and(reads_timeout)
+            && let Some(readers) = readers.get_mut(state)
+        {
+            readers.push(transition);
+        }
+    }
+    readers
+}
+
 /// Removes the limit of a state that is over at the first macro step after the state is entered,
 /// and `[timeout]` from its transitions: these are taken at that step as before. None where the
 /// limit is read in another way.
-fn without_limit(model: &Model, region: &Region, state: usize) -> Option<Fix> {
-    let declared = region.states.get(state)?;
+fn without_limit(model: &Model, state: &State, readers: &[&Transition]) -> Option<Fix> {
     let text_of = |file: u32| Some(model.files.get(file as usize)?.text.as_str());
-    let text = text_of(declared.declaration.file)?;
-    let mut edits = vec![remove_limit(text, declared.declaration)?];
-    for transition in &region.transitions {
-        let reads = transition.guard.as_ref().is_some_and(reads_timeout);
-        if transition.source == Source::State(state) && reads {
-            let is_pulse = transition.trigger == Trigger::Pulse;
-            let edit: Option<Edit> =
-                without_timeout(text_of(transition.span.file)?, transition.span);
-            edits.push(edit.filter(|_| is_pulse)?);
-        }
+    let text = text_of(state.declaration.file)?;
+    let mut edits = vec![remove_limit(text, state.declaration)?];
+    for transition in readers {
+        let is_pulse = transition.trigger == Trigger::Pulse;
+        let edit = without_timeout(text_of(transition.span.file)?, transition.span);
+        edits.push(edit.filter(|_| is_pulse)?);
     }
     let title = format!(
         "leave `{}` at the next macro step, as it is now",
-        declared.name
+        state.name
     );
     Some(Fix::new(title, edits))
 }
