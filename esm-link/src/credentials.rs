@@ -18,11 +18,12 @@ pub const PROOF_BYTES: usize = 16;
 /// Whether a robot has a key, as it tells with its [`Hello`](crate::message::Response::Hello).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Access {
-    /// It cannot have one: its firmware was built without, or has nowhere to keep it. It takes requests from anyone.
+    /// It cannot have one: its firmware was built without, or has nowhere to keep it. It takes
+    /// requests from anyone.
     #[default]
     Unsupported,
-    /// It has none. It takes requests from anyone, [`InstallKey`](crate::message::Request::InstallKey)
-    /// among them.
+    /// It has none. It takes requests from anyone,
+    /// [`InstallKey`](crate::message::Request::InstallKey) among them.
     Open,
     /// It has one.
     Locked,
@@ -31,7 +32,7 @@ pub enum Access {
     /// Its records cannot be read, but it remembers the key that it had. It takes nothing but a key
     /// that this one has signed: that begins its records anew.
     Recovering,
-    /// Its records cannot be read, and it is certain that it had no key. It takes nothing but a key,
-    /// from anyone: that begins its records anew.
+    /// Its records cannot be read, and it is certain that it had no key. It takes nothing but a
+    /// key, from anyone: that begins its records anew.
     Damaged,
 }

@@ -7,8 +7,8 @@
 //! [trace records](trace), a [recording] and log bytes as streams, where there is room between
 //! answers.
 //!
-//! There is no I/O here, no clock, no thread and no allocation, so that firmware and the `esm` command
-//! run the same code. Who asks when, and what a robot does about it, is not here either.
+//! There is no I/O here, no clock, no thread and no allocation, so that firmware and the `esm`
+//! command run the same code. Who asks when, and what a robot does about it, is not here either.
 //!
 //! ```
 //! use esm_link::frame::{self, FrameReader, MAX_FRAME_BYTES};

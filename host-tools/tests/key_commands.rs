@@ -7,8 +7,8 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
-use std::time::Duration;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use host_tools::host_board::{self, HostBoard};
 use host_tools::keys::SigningKey;
@@ -278,6 +278,23 @@ fn a_panic_with_a_key_at_hand_says_nothing_of_it() {
     hold_no_key_of(&path, &heard);
 }
 
+/// Sends Ctrl-C, and again where the first one came before the command listened: a program that is
+/// started in the background may inherit that the system ignores it.
+fn press_until_it_ends(child: &mut Child) {
+    const PAUSE: Duration = Duration::from_secs(2);
+    const LOOK: Duration = Duration::from_millis(10);
+    loop {
+        kill(Pid::from_raw(child.id() as i32), Signal::SIGINT).unwrap();
+        let pressed = Instant::now();
+        while pressed.elapsed() < PAUSE {
+            if child.try_wait().unwrap().is_some() {
+                return;
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+}
+
 #[test]
 fn ctrl_c_in_a_signed_upload_says_nothing_of_the_key() {
     let home = tempfile::tempdir().unwrap();
@@ -313,7 +330,7 @@ fn ctrl_c_in_a_signed_upload_says_nothing_of_the_key() {
                 out.read_until(b'\n', &mut heard).unwrap();
             }
         }
-        kill(Pid::from_raw(child.id() as i32), Signal::SIGINT).unwrap();
+        press_until_it_ends(&mut child);
         out.read_to_end(&mut heard).unwrap();
         heard.extend(child.wait_with_output().unwrap().stderr);
     }

@@ -151,7 +151,7 @@ fn turns_reach_their_angle() {
 
 #[test]
 fn backing_up_ends_at_its_distance_or_before_the_wall_behind() {
-    for (wall_x_m, expected_m) in [(0.0, 0.5), (9.6, 0.17)] {
+    for (wall_x_m, expected_m) in [(0.0, 0.5), (9.6, 0.19)] {
         let world = format!(
             "world yard\nstart 10,10 0\nwall {wall_x_m},0 20,0 20,20 {wall_x_m},20 {wall_x_m},0"
         );

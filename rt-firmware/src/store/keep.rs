@@ -153,7 +153,8 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     }
 
     /// Lets a reset leave the allowances for erases as they were: a board with retained RAM calls
-    /// this before anything is kept.
+    /// this before anything is kept, and after [`RetainedRam::begin`], which fills them when power
+    /// comes.
     #[must_use]
     pub fn over_resets(mut self, retained: &'m RetainedRam) -> Self {
         let [uploads, records, keys] = retained.allowances();

@@ -251,6 +251,8 @@ fn life<R>(
     reason: Option<ResetReason>,
     live: impl FnOnce(&mut Subject<'_, '_, '_>) -> R,
 ) -> R {
+    // Before anybody looks at what it retains.
+    let reset = kept.begin(reason);
     let mut lamps = Lamps {
         lamp: Bank::new([Lamp, Lamp]),
     };
@@ -263,7 +265,7 @@ fn life<R>(
     };
     let keep = keep.over_resets(kept);
     let about = About {
-        reset: kept.begin(reason),
+        reset,
         kept: Some(kept),
         ..About::new("lamps", "fuzzed")
     };
