@@ -18,7 +18,7 @@ use crate::access::{
 use crate::key_store::{KEY_RECORD_BYTES, KeyRecord, KeyStore, NotKept, WriteError};
 use crate::message::{Identity, LinkError};
 pub use crate::proof::Session;
-use crate::proof::{Proof, Secret, is_same, mask};
+use crate::proof::{Proof, RequestChecker, Secret, is_same, mask};
 
 /// How long no signature is looked at after a wrong one, in microseconds.
 pub const PAUSE_AFTER_WRONG_US: u64 = 1_000_000;
@@ -64,6 +64,7 @@ struct Owner {
 /// The owner's session.
 struct OpenSession {
     session: Session,
+    checker: RequestChecker,
     client: [u8; NONCE_BYTES],
     robot: [u8; NONCE_BYTES],
     /// Number of the last request.
@@ -232,6 +233,7 @@ impl Keys {
         }
         self.session = Some(OpenSession {
             session,
+            checker: session.checker(),
             client: *client,
             robot: *robot,
             number: 0,
@@ -250,7 +252,7 @@ impl Keys {
         request: &[u8],
     ) -> Result<Recurrence, LinkError> {
         let open = self.session.as_mut().ok_or(LinkError::NoSession)?;
-        if !is_same(proof, &open.session.of_request(number, request)) && !planted!(ProofUnchecked) {
+        if !is_same(proof, &open.checker.of_request(number, request)) && !planted!(ProofUnchecked) {
             return Err(LinkError::WrongProof);
         }
         if number > open.number || planted!(NumberRepeated) {

@@ -2,8 +2,9 @@
 //! `cargo xtask bench dispatch` starts.
 //!
 //! Its argument is the firmware, `boards/lm3s6965/src/bin/bench_dispatch.rs`. What it prints last
-//! is a table in Markdown.
+//! is a table in Markdown; with `--json`, one object is all that it prints.
 
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::fmt::Write as _;
 use std::fs;
@@ -43,6 +44,8 @@ const KINDS: [(&str, &[&str], &[&str]); 3] = [
     ("Two", &["from"], &["to"]),
     ("Four", &["first", "second"], &["to", "also"]),
 ];
+/// How many ports these have.
+const KINDS_PORTS: [u32; KINDS.len()] = [0, 2, 4];
 /// Duration of such a slot, in microseconds.
 const DURATION_US: usize = 3_500;
 /// Occurrences whose start times are compared with what they should be.
@@ -82,24 +85,87 @@ impl Measured {
         let found = self.rows.iter().find(|(of, _)| of == name);
         found.map(|(_, range)| *range)
     }
+
+    /// What a task with so many ports adds to its slot's handler and to the one before, in which it
+    /// is made ready, in tenths of an instruction.
+    fn task_adds(&self, ports: u32) -> Option<u32> {
+        let measured = |name: String| self.row(&name).filter(|range| range.count > 0);
+        let whole = measured("whole".to_owned())?;
+        let before = measured(format!("before-{ports}"))?;
+        let with = measured(format!("with-{ports}"))?;
+        Some((before.mean + with.mean).saturating_sub(2 * whole.mean))
+    }
 }
 
 fn main() -> ExitCode {
     // Cargo adds an option of its own.
-    let firmware = std::env::args_os()
+    let arguments = std::env::args_os()
         .skip(1)
-        .find(|argument| argument != "--bench");
-    let Some(firmware) = firmware else {
+        .filter(|argument| argument != "--bench");
+    let (options, files): (Vec<_>, Vec<_>) =
+        arguments.partition(|argument| argument.to_string_lossy().starts_with('-'));
+    let [firmware] = files.as_slice() else {
         eprintln!("the benchmark of the dispatcher needs a firmware: cargo xtask bench dispatch");
         return ExitCode::from(2);
     };
-    match bench(Path::new(&firmware)) {
+    if let Some(wrong) = options.iter().find(|option| *option != "--json") {
+        let wrong = wrong.to_string_lossy();
+        eprintln!("the benchmark of the dispatcher has no {wrong}, only --json");
+        return ExitCode::from(2);
+    }
+    let firmware = Path::new(firmware);
+    let ended = match options.is_empty() {
+        true => bench(firmware),
+        false => bench_json(firmware),
+    };
+    match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("the benchmark of the dispatcher: {error}");
             ExitCode::from(3)
         }
     }
+}
+
+/// Prints what programs want to know as one JSON object, in instructions.
+fn bench_json(firmware: &Path) -> Result<(), Box<dyn Error>> {
+    let mut runs = Vec::new();
+    for slots in SLOTS {
+        for background in [Background::Spin, Background::Call] {
+            runs.push(run(firmware, slots, background)?);
+        }
+    }
+    println!("{}", json(&runs).ok_or("the firmware did not measure all")?);
+    Ok(())
+}
+
+/// The results for programs; none if one is missing.
+fn json(runs: &[Measured]) -> Option<serde_json::Value> {
+    let of = |tenths: u32| f64::from(tenths) / 10.0;
+    let found = |name: &str| {
+        let rows = runs.iter().filter_map(|run| run.row(name));
+        rows.filter(|range| range.count > 0).collect::<Vec<_>>()
+    };
+    let starts = found("start");
+    let check = found("verify-64");
+    let (step, pulse) = (found("macro-step"), found("idle-pulse"));
+    let quiet = || {
+        let runs = runs.iter().filter(|run| run.background == Background::Spin);
+        runs.filter_map(|run| Some((run, run.row("whole").filter(|range| range.count > 0)?)))
+    };
+    let (main, _) = quiet().find(|(run, _)| run.slots == MAIN_SLOTS)?;
+    let adds = KINDS_PORTS.map(|ports| Some((ports.to_string(), of(main.task_adds(ports)?))));
+    Some(serde_json::json!({
+        "start_min": of(starts.iter().map(|range| range.min).min()?),
+        "start_max": of(starts.iter().map(|range| range.max).max()?),
+        "dispatch": quiet()
+            .map(|(run, whole)| (run.slots.to_string(), of(whole.mean)))
+            .collect::<BTreeMap<_, _>>(),
+        "task_adds": adds.into_iter().collect::<Option<BTreeMap<_, _>>>()?,
+        "check_64_slots": check.first()?.max / 10,
+        "macro_step": of(step.first()?.mean),
+        "idle_pulse": of(pulse.first()?.mean),
+    }))
 }
 
 fn bench(firmware: &Path) -> Result<(), Box<dyn Error>> {
@@ -389,17 +455,9 @@ fn table(runs: &[Measured]) -> String {
             instructions(whole.mean),
             instructions(whole.max)
         );
-        for ports in ["0", "2", "4"] {
-            let row = |when| run.row(&format!("{when}-{ports}"));
-            let (before, with) = (row("before"), row("with"));
-            // It is made ready in the handler before its own.
-            let adds = before.zip(with).filter(|(_, with)| with.count > 0);
-            let _ = match adds {
-                Some((before, with)) => write!(
-                    text,
-                    " {} |",
-                    instructions((before.mean + with.mean).saturating_sub(2 * whole.mean))
-                ),
+        for ports in KINDS_PORTS {
+            let _ = match run.task_adds(ports) {
+                Some(adds) => write!(text, " {} |", instructions(adds)),
                 None => write!(text, " |"),
             };
         }

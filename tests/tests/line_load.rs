@@ -181,10 +181,6 @@ const WORST: [&str; 6] = [
     "signed",
     "within",
 ];
-/// Each of these has the robot work out a proof, which takes longer than the frame does on the
-/// line: the owner's upload arrives, and is late. Whoever makes them cheaper takes them out of
-/// here.
-const PROOFS: [&str; 3] = ["identify", "open session", "proven"];
 /// How many times as long as on a quiet line an owner's upload takes at most.
 const MOST_TIMES: f64 = 2.0;
 
@@ -532,9 +528,7 @@ fn crowded_uploads(robot: &Robot, most: Option<f64>) {
             ),
             Err(ref error) => println!("{whose:11} {name:14} upload did not arrive: {error}"),
         }
-        if let Some(most) = most
-            && !PROOFS.contains(&name)
-        {
+        if let Some(most) = most {
             let is_in_time = crowded_s
                 .as_ref()
                 .is_ok_and(|crowded_s| *crowded_s <= quiet_s * most);

@@ -35,6 +35,7 @@ Names:
 Options:
   --write    Keep the report in docs/benchmarks.md
   --gate     End with status 1 if a promise does not hold
+  --json     Of `dispatch`: print one JSON object, for programs
   -h, --help This text
 
 Emulator, valgrind and a compiler for the board are installed if they are missing. ESM_TOOLCHAIN=rustup|debian chooses the compiler. Packages of other engines come
@@ -45,6 +46,7 @@ Examples:
   cargo xtask bench --gate
   cargo xtask bench --write
   cargo xtask bench dispatch
+  cargo xtask bench dispatch --json
 ";
 
 /// What the program that measures must be given.

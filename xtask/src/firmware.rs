@@ -150,7 +150,7 @@ fn build_in(
     features: Features,
 ) -> Result<Vec<PathBuf>, Failure> {
     let started = Instant::now();
-    println!(
+    eprintln!(
         "Building firmware {}{} in {} (the first time takes minutes) …",
         bins.join(", "),
         features.suffix(),
@@ -180,9 +180,8 @@ fn build_in(
         std::fs::copy(&built, &whole)
             .and_then(|_| std::fs::rename(&whole, &file))
             .map_err(|cause| Failure::File { path: built, cause })?;
-        println!("{}", file.display());
         files.push(file);
     }
-    println!("Built in {:.0} s.", started.elapsed().as_secs_f32());
+    eprintln!("Built in {:.0} s.", started.elapsed().as_secs_f32());
     Ok(files)
 }

@@ -99,6 +99,13 @@ fn main() -> ExitCode {
     }
 }
 
+/// Prints where files are, one a line.
+fn print_files(files: Vec<PathBuf>) {
+    for file in files {
+        println!("{}", file.display());
+    }
+}
+
 fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure> {
     let mut options = Options::default();
     while let Some(argument) = arguments.next() {
@@ -161,17 +168,17 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
         "firmware" => {
             let toolchain = setup::toolchain(choice)?;
             if options.example {
-                return firmware::build_example(&root, &toolchain).map(drop);
+                return firmware::build_example(&root, &toolchain).map(print_files);
             }
             if let Some(robot) = &options.robot {
                 let bins = match &options.bins[..] {
                     [] => &[firmware::EXAMPLE_BIN.to_owned()],
                     bins => bins,
                 };
-                return firmware::build_robot(&root, robot, &toolchain, bins).map(drop);
+                return firmware::build_robot(&root, robot, &toolchain, bins).map(print_files);
             }
             if options.lean {
-                return firmware::build_lean(&root, &toolchain).map(drop);
+                return firmware::build_lean(&root, &toolchain).map(print_files);
             }
             let default = [firmware::DEFAULT_BIN.to_owned()];
             let bins = if options.bins.is_empty() {
@@ -179,7 +186,7 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             } else {
                 &options.bins
             };
-            firmware::build(&root, &toolchain, firmware::RELEASE, bins).map(drop)
+            firmware::build(&root, &toolchain, firmware::RELEASE, bins).map(print_files)
         }
         "size" => size::command(&root, &setup::toolchain(choice)?, options.write),
         "test" => test::command(

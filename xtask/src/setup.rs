@@ -204,7 +204,7 @@ pub fn emulator() -> Result<(), Failure> {
         install("the emulator", &[package])?;
     }
     let version = output(command(program).arg("--version")).unwrap_or_default();
-    println!("Emulator: {}", version.lines().next().unwrap_or(program));
+    eprintln!("Emulator: {}", version.lines().next().unwrap_or(program));
     Ok(())
 }
 
@@ -236,8 +236,8 @@ pub fn toolchain(choice: Choice) -> Result<Toolchain, Failure> {
         Choice::Auto => debian()?,
     };
     match &toolchain {
-        Toolchain::Rustup => println!("Compiler for firmware: rustup's, target {BOARD_TARGET}"),
-        Toolchain::Debian { linker } => println!(
+        Toolchain::Rustup => eprintln!("Compiler for firmware: rustup's, target {BOARD_TARGET}"),
+        Toolchain::Debian { linker } => eprintln!(
             "Compiler for firmware: Debian's {DEBIAN_RUSTC}, core library from source, linker {}",
             linker.display()
         ),
@@ -284,14 +284,14 @@ fn rustup_target(target: &str) -> bool {
     if installed.is_some_and(|list| list.lines().any(|line| line.trim() == target)) {
         return true;
     }
-    println!("Fetching the target {target} with `rustup target add {target}` …");
+    eprintln!("Fetching the target {target} with `rustup target add {target}` …");
     if process::run_within(
         command("rustup").args(["target", "add", target]),
         RUSTUP_LIMIT,
     ) {
         return true;
     }
-    println!("rustup gave no target within {} s.", RUSTUP_LIMIT.as_secs());
+    eprintln!("rustup gave no target within {} s.", RUSTUP_LIMIT.as_secs());
     false
 }
 
@@ -392,7 +392,7 @@ pub fn install(what: &str, packages: &[&str]) -> Result<(), Failure> {
     };
     let apt = Apt::find().ok_or_else(missing)?;
     let arguments = [&["install", "-y", "--no-install-recommends"][..], packages].concat();
-    println!(
+    eprintln!(
         "Installing {what}: `apt-get install {}` …",
         packages.join(" ")
     );
@@ -416,14 +416,17 @@ impl Apt {
 
     /// Fetches the lists of packages.
     fn update_lists(&self) -> Result<(), Failure> {
-        println!("Fetching the lists of packages first: `apt-get update` …");
+        eprintln!("Fetching the lists of packages first: `apt-get update` …");
         self.run(&["update"])
     }
 
     fn run(&self, arguments: &[&str]) -> Result<(), Failure> {
         let mut words = self.prefix.iter().chain(&["apt-get"]).chain(arguments);
         let mut apt = command(words.next().unwrap_or(&"apt-get"));
-        apt.args(words).env("DEBIAN_FRONTEND", "noninteractive");
+        apt.args(words)
+            .env("DEBIAN_FRONTEND", "noninteractive")
+            // What is asked for may be for a program to read.
+            .stdout(std::io::stderr());
         process::run(&mut apt)
     }
 }
