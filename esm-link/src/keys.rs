@@ -18,7 +18,7 @@ use crate::access::{
 use crate::key_store::{KEY_RECORD_BYTES, KeyRecord, KeyStore, NotKept, WriteError};
 use crate::message::{Identity, LinkError};
 pub use crate::proof::Session;
-use crate::proof::{Proof, RequestChecker, Secret, is_same, mask};
+use crate::proof::{KeyedSecret, Proof, RequestChecker, Secret, is_same, mask};
 
 /// How long no signature is looked at after a wrong one, in microseconds.
 pub const PAUSE_AFTER_WRONG_US: u64 = 1_000_000;
@@ -40,6 +40,8 @@ impl SignedUpload {
 /// What the link knows of the robot's key.
 pub struct Keys {
     lock: Lock,
+    /// Made when a proof was asked for first.
+    keyed: Option<KeyedSecret>,
     /// Of the last upload that was accepted.
     counter: u64,
     /// Which start of the robot this is, once it has been counted.
@@ -113,6 +115,7 @@ impl Keys {
     pub const fn new() -> Self {
         Keys {
             lock: Lock::Unread,
+            keyed: None,
             counter: 0,
             start: None,
             session: None,
@@ -153,6 +156,13 @@ impl Keys {
         }
     }
 
+    /// The owner's secret, for proofs.
+    fn keyed(&mut self, secret: &Secret) -> &KeyedSecret {
+        // The key may have been changed since.
+        let known = self.keyed.take().filter(|keyed| keyed.is_of(secret));
+        self.keyed.insert(known.unwrap_or_else(|| secret.keyed()))
+    }
+
     /// The number of this start, which no other one has.
     fn start(&mut self, safe: &mut dyn KeyStore) -> Result<u64, WriteError> {
         if let Some(start) = self.start {
@@ -183,8 +193,9 @@ impl Keys {
     ) -> Result<Identity, LinkError> {
         let Owner { key, salt, secret } = self.owner(safe)?;
         let start = self.start(safe)?;
-        let nonce = session_nonce(&secret, start, now_us, client);
         let counter = self.counter;
+        let secret = self.keyed(&secret);
+        let nonce = session_nonce(secret, start, now_us, client);
         Ok(Identity {
             key,
             salt,
@@ -212,10 +223,14 @@ impl Keys {
         if !is_young && !planted!(OldSessionOpened) {
             return Err(LinkError::NoChallenge);
         }
+        let secret = self.keyed(&secret);
+        // A robot's nonce that was made up is not worth a session's key.
+        let is_nonce_ours = is_same(robot, &session_nonce(secret, start, at_us, client));
+        if !is_nonce_ours && !planted!(SessionUnproven) {
+            return Err(LinkError::WrongProof);
+        }
         let session = secret.session(client, robot);
-        let is_ours = is_same(robot, &session_nonce(&secret, start, at_us, client))
-            && is_same(proof, &session.opening());
-        if !is_ours && !planted!(SessionUnproven) {
+        if !is_same(proof, &session.opening()) && !planted!(SessionUnproven) {
             return Err(LinkError::WrongProof);
         }
         match &self.session {
@@ -293,11 +308,10 @@ impl Keys {
         let Owner { secret, .. } = self.owner(safe)?;
         let start = self.start(safe)?;
         self.challenges = self.challenges.wrapping_add(1);
-        let bytes = secret.nonce(&[
-            &start.to_le_bytes(),
-            &self.challenges.to_le_bytes(),
-            &now_us.to_le_bytes(),
-        ]);
+        let challenges = self.challenges.to_le_bytes();
+        let bytes =
+            self.keyed(&secret)
+                .nonce(&[&start.to_le_bytes(), &challenges, &now_us.to_le_bytes()]);
         self.nonce = Some(Nonce {
             bytes,
             until_us: now_us.saturating_add(NONCE_LIFE_US),
@@ -516,7 +530,7 @@ fn signature_of(bytes: &[u8]) -> Result<[u8; SIGNATURE_BYTES], LinkError> {
 /// A nonce for a session: the time at which it is given out, and what only this robot makes of
 /// that, of its start and of the client's nonce. So it need not be kept to be known again.
 fn session_nonce(
-    secret: &Secret,
+    secret: &KeyedSecret,
     start: u64,
     at_us: u64,
     client: &[u8; NONCE_BYTES],

@@ -173,11 +173,14 @@ fn floods() -> Vec<(&'static str, Flood)> {
 }
 
 /// What costs the robot most.
-const WORST: [&str; 6] = [
+const WORST: [&str; 9] = [
     "status",
     "black box",
+    "identify",
     "install key",
     "mixed",
+    "open session",
+    "proven",
     "signed",
     "within",
 ];

@@ -1165,6 +1165,8 @@ impl<L: ByteLink> LinkClient<L> {
     ) -> Result<Result<Option<T>, LinkError>, ClientError> {
         let wire = frame.wire();
         let kind = innermost_kind(&request);
+        // The only request that an owner needs an answer to before the robot can tell who asks.
+        let may_compete = matches!(request, Request::Identify { .. });
         // Answers came that are not the robot's own, as far as anybody knows.
         let mut unproven = false;
         self.calling = None;
@@ -1200,6 +1202,7 @@ impl<L: ByteLink> LinkClient<L> {
                 self.check_stop(name)?;
                 let bad_before = self.incoming.bad_frames;
                 let wait = (deadline - now).min(STOP_LOOK);
+                let mut is_crowded = false;
                 let heard = self.incoming.receive(&mut self.link, wait, |received| {
                     // With the number that a session happens to begin with, an answer of the
                     // session before may still be on its way.
@@ -1208,6 +1211,7 @@ impl<L: ByteLink> LinkClient<L> {
                         && !planted!(OldHelloTaken);
                     let is_its_own = received.seq == frame.seq || planted!(StaleAnswerTaken);
                     if !is_its_own || is_old || answer.is_some() {
+                        is_crowded |= !is_its_own && received.is_of(kind);
                         return;
                     }
                     if frame.expected.is_ended_by(received) {
@@ -1234,6 +1238,12 @@ impl<L: ByteLink> LinkClient<L> {
                     heard_within = heard_within.max(Some(self.clock.since(sent)));
                     // Most likely it was the answer.
                     deadline = deadline.min(self.clock.now() + SPOILED_WAIT);
+                }
+                if is_crowded && may_compete {
+                    // Somebody else has asked for the same and was answered. No second request of
+                    // a kind waits in the robot, and just now it has room for one.
+                    attempt = 0;
+                    deadline = now;
                 }
             }
             if let Some(answer) = answer {
