@@ -79,8 +79,8 @@ impl Secret {
     }
 }
 
-/// A secret that has been worked into the hash, which is half of what a short proof takes: strangers
-/// have a robot work out proofs.
+/// A secret that has been worked into the hash, which is half of what a short proof takes:
+/// strangers have a robot work out proofs.
 pub struct KeyedSecret {
     secret: Secret,
     mac: Hmac<Sha256>,
