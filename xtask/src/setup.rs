@@ -423,10 +423,14 @@ impl Apt {
     fn run(&self, arguments: &[&str]) -> Result<(), Failure> {
         let mut words = self.prefix.iter().chain(&["apt-get"]).chain(arguments);
         let mut apt = command(words.next().unwrap_or(&"apt-get"));
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "what apt-get says goes on as it is, and not where a program may read"
+        )]
+        let terminal = std::io::stderr();
         apt.args(words)
             .env("DEBIAN_FRONTEND", "noninteractive")
-            // What is asked for may be for a program to read.
-            .stdout(std::io::stderr());
+            .stdout(terminal);
         process::run(&mut apt)
     }
 }
