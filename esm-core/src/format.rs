@@ -249,6 +249,16 @@ macro_rules! sections {
         impl Section {
             /// All sections in their order.
             pub const ALL: [Self; [$(Self::$variant),*].len()] = [$(Self::$variant),*];
+
+            /// The section with a number; the first if there is none.
+            // Spelt out it is no code but the comparison, where a table would have to be looked up.
+            #[cfg_attr(feature = "speed", inline(always))]
+            pub(crate) fn with_number(number: u8) -> Self {
+                match number {
+                    $( number if number == Self::$variant as u8 => Self::$variant, )*
+                    _ => Self::Mission,
+                }
+            }
         }
 
         /// What postcard encodes between [`MAGIC`] and the CRC. Compilers write it;

@@ -2,6 +2,7 @@
 
 use core::error::Error;
 use core::fmt;
+use core::num::NonZeroU32;
 
 use serde::{Deserialize, Serialize};
 
@@ -58,6 +59,29 @@ pub enum Cause {
     Type,
     /// Two slots overlap, or have the same number.
     Overlap,
+}
+
+impl Cause {
+    /// Its number, which is not 0.
+    pub(crate) fn number(self) -> NonZeroU32 {
+        NonZeroU32::new(self as u32).unwrap_or(NonZeroU32::MIN)
+    }
+
+    /// The cause with a number. Others than those of causes do not occur.
+    // Spelt out it is next to no code, where a table would have to be looked up.
+    pub(crate) fn with_number(number: u8) -> Self {
+        match number {
+            1 => Self::Index,
+            2 => Self::Order,
+            3 => Self::Range,
+            4 => Self::Kind,
+            5 => Self::Direction,
+            6 => Self::Template,
+            7 => Self::Text,
+            8 => Self::Type,
+            _ => Self::Overlap,
+        }
+    }
 }
 
 impl fmt::Display for Refusal {

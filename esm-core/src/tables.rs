@@ -522,9 +522,23 @@ impl<'a> Tables<'a> {
         <[T]>::ref_from_prefix(self.section(T::SECTION)).map_or(&[], |(records, _)| records)
     }
 
+    /// A record.
     #[inline]
-    fn record<T: Record>(&self, index: usize) -> Option<&'a T> {
-        self.records().get(index)
+    pub(crate) fn record<T: Record>(&self, index: usize) -> Option<&'a T> {
+        let from = self.bytes_from(T::SECTION, index);
+        T::ref_from_prefix(from).ok().map(|(record, _)| record)
+    }
+
+    /// The bytes from a record on; none where there is no such record.
+    // Inlined, it would be a large part of the verifier.
+    #[inline(never)]
+    fn bytes_from(&self, section: Section, index: usize) -> &'a [u8] {
+        let (start, records) = self.sections[section as usize];
+        if index >= records as usize {
+            return &[];
+        }
+        let at = start as usize + index * record_bytes(section);
+        self.bytes.get(at..).unwrap_or(&[])
     }
 
     /// Number of records of a section.

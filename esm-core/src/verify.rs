@@ -51,11 +51,13 @@ use core::ops::Deref;
 
 use crate::buffer::{BlobBuffer, BlobReader};
 use crate::format::{self, Section};
-use crate::layout::{Mission, record_bytes};
+use crate::layout::{
+    Channel, Connection, Container, Listener, Mission, Task, TaskInstance, TaskState, record_bytes,
+};
 use crate::refusal::{Cause, Refusal};
 use crate::tables::{self, Tables};
 
-use finding::{Finding, entries, entry};
+use finding::Finding;
 use pass::Pass;
 
 /// Where the sections of a blob are, and what was worked out on the way.
@@ -176,22 +178,22 @@ impl Layout {
         if at != body.len() {
             return Err(Refusal::TrailingBytes);
         }
-        check(&self.tables(bytes)).map_err(Refusal::from)
+        check(self.tables(bytes)).map_err(Refusal::from)
     }
 }
 
 /// Checks all tables.
 #[inline(never)]
-fn check(tables: &Tables<'_>) -> Result<(), Finding> {
+fn check(tables: Tables<'_>) -> Result<(), Finding> {
     let mut pass = Pass::of(tables);
     let mission = pass.check_mission()?;
-    slots::check(pass.records.slots, mission.interpreter_slot.get())?;
+    slots::check(tables.records(), mission.interpreter_slot.get())?;
     pass.check_instances(mission)?;
     pass.check_channels(mission)?;
     pass.check_tasks(mission)?;
     pass.check_task_instances()?;
-    pass.check_connections(tables.count(Section::Nets))?;
-    pass.check_ends(tables)
+    pass.check_connections()?;
+    pass.check_ends()
 }
 
 /// Tables of which each record must have been come to. Of the others each was checked by itself, or any number may be.
@@ -215,18 +217,17 @@ const WHOLE: [Section; 14] = [
 impl<'a> Pass<'a> {
     /// Checks the numbers of the mission. There is one record.
     fn check_mission(&mut self) -> Result<&'a Mission, Finding> {
-        let records = &self.records;
-        if records.mission.len() != 1 {
+        if self.tables.count(Section::Mission) != 1 {
             return Err(Finding::new(Section::Mission, 1, Cause::Order));
         }
-        let mission = entry(records.mission, 0, Cause::Order)?;
+        let mission = self.entry::<Mission>(0, Cause::Order)?;
         let is_in_range = (1..=format::MAX_QUEUE).contains(&mission.queue.get())
             && mission.events.get() <= format::MAX_EVENT.into();
         mission.ensure(is_in_range, Cause::Range)?;
-        let has_slot = mission.interpreter_slot.get() < records.slots.len();
+        let has_slot = mission.interpreter_slot.get() < self.tables.count(Section::Slots);
         mission.ensure(has_slot, Cause::Index)?;
         // What the machine takes is all there is.
-        let machine = entry(records.containers, 0, Cause::Template)?;
+        let machine = self.entry::<Container>(0, Cause::Template)?;
         machine.ensure(mission.flags == machine.flag_span, Cause::Template)?;
         self.checked[Section::Instances] = machine.instance_span.get();
         self.checked[Section::RegionInstances] = machine.region_span.get();
@@ -237,9 +238,9 @@ impl<'a> Pass<'a> {
     /// Checks channels: their events exist, and the words that their rows have.
     fn check_channels(&self, mission: &Mission) -> Result<(), Finding> {
         const WORD_BITS: usize = u32::BITS as usize;
-        let regions = self.records.region_instances.len();
-        let words = self.records.listeners;
-        for channel in entries(self.records.channels) {
+        let regions = self.tables.count(Section::RegionInstances);
+        let words = self.tables.count(Section::Listeners);
+        for channel in self.entries::<Channel>() {
             let event = usize::from(channel.event.get());
             let row_words = channel.region_words.get();
             let end = channel.first_region_word.get() + row_words;
@@ -247,11 +248,11 @@ impl<'a> Pass<'a> {
             let exists = event != format::PULSE.into()
                 && event <= mission.events.get()
                 && end <= regions.div_ceil(WORD_BITS)
-                && row_end <= words.len();
+                && row_end <= words;
             channel.ensure(exists, Cause::Index)?;
             // No bit of a row stands for what is behind the last region instance.
             if row_words != 0 && end > regions / WORD_BITS {
-                let last = entry(words, row_end - 1, Cause::Range)?;
+                let last = self.entry::<Listener>(row_end - 1, Cause::Range)?;
                 let is_clear = last.regions.get() << (regions % WORD_BITS) == 0;
                 last.ensure(is_clear, Cause::Range)?;
             }
@@ -262,7 +263,7 @@ impl<'a> Pass<'a> {
     /// Checks tasks: their texts stand one behind the other, and their groups exist.
     fn check_tasks(&mut self, mission: &Mission) -> Result<(), Finding> {
         let groups = mission.exclusive_groups.get();
-        for task in entries(self.records.tasks) {
+        for task in self.entries::<Task>() {
             let in_order = task.text_start.get() == self.checked[Section::Signatures];
             task.ensure(in_order, Cause::Order)?;
             self.checked[Section::Signatures] += task.text_length.get();
@@ -274,20 +275,20 @@ impl<'a> Pass<'a> {
 
     /// Checks that task instances have their connections one behind the other, as many as their tasks have data ports.
     fn check_task_instances(&mut self) -> Result<(), Finding> {
-        let records = &self.records;
-        for instance in entries(records.task_instances) {
+        for instance in self.entries::<TaskInstance>() {
             let first = instance.first_connection.get();
             instance.ensure(first == self.checked[Section::Connections], Cause::Order)?;
-            let task_state = records.task_states.get(instance.task_state.get());
-            let task = task_state.and_then(|it| records.tasks.get(it.task.get()));
+            let task_state = self.tables.record::<TaskState>(instance.task_state.get());
+            let task = task_state.and_then(|it| self.tables.record::<Task>(it.task.get()));
             self.checked[Section::Connections] += task.map_or(0, |task| task.data.get());
         }
         Ok(())
     }
 
     /// Checks that connections lead to nets.
-    fn check_connections(&self, nets: usize) -> Result<(), Finding> {
-        for connection in entries(self.records.connections) {
+    fn check_connections(&self) -> Result<(), Finding> {
+        let nets = self.tables.count(Section::Nets);
+        for connection in self.entries::<Connection>() {
             let exists = connection.net.index().is_none_or(|net| net < nets);
             connection.ensure(exists, Cause::Index)?;
         }
@@ -295,10 +296,10 @@ impl<'a> Pass<'a> {
     }
 
     /// Checks that nothing is missing or left over.
-    fn check_ends(&self, tables: &Tables<'_>) -> Result<(), Finding> {
+    fn check_ends(&self) -> Result<(), Finding> {
         for section in WHOLE {
             let checked = self.checked[section];
-            if checked != tables.count(section) {
+            if checked != self.tables.count(section) {
                 return Err(Finding::new(section, checked, Cause::Order));
             }
         }

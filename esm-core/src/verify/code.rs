@@ -2,10 +2,10 @@
 
 use core::ops::Range;
 
-use super::finding::{Entry, Finding, entry};
+use super::finding::{Entry, Finding};
 use super::pass::Pass;
 use crate::format::{self, Section};
-use crate::layout::Code;
+use crate::layout::{Code, Mask};
 use crate::refusal::Cause;
 
 /// What the instructions of a guard or an action can do and name.
@@ -44,7 +44,7 @@ impl<'a> Pass<'a> {
     /// Checks a mask: it has two bits at least, of a window of so many flags, and its value has no others.
     pub(super) fn check_mask(&mut self, first: u16, window: usize) -> Result<(), Finding> {
         self.begin_code(first)?;
-        let record = entry(self.records.masks, self.next_code(), Cause::Index)?;
+        let record = self.next::<Mask>(Cause::Index)?;
         let (mask, value) = (record.mask.get(), record.value.get());
         let has_two_bits = mask & mask.wrapping_sub(1) != 0;
         let is_right = has_two_bits && mask >> window == 0 && value & !mask == 0;
@@ -61,20 +61,13 @@ impl<'a> Pass<'a> {
         }
     }
 
-    /// Number of the next record.
-    fn next_code(&mut self) -> usize {
-        let next = &mut self.checked[Section::Code];
-        *next += 1;
-        *next - 1
-    }
-
     /// Checks the next instruction. Where there is none, its absence has this cause.
     fn check_instruction(
         &mut self,
         scope: &Scope,
         absent: Cause,
     ) -> Result<Entry<'a, Code>, Finding> {
-        let code = entry(self.records.code, self.next_code(), absent)?;
+        let code = self.next::<Code>(absent)?;
         let (operation, operand) = (code.operation(), code.operand.get());
         code.ensure(scope.operations.contains(&operation), Cause::Kind)?;
         let exists = if operation == format::CODE_SEND {

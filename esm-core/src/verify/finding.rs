@@ -1,43 +1,36 @@
 //! Records under test, and what is found wrong with them.
 
+use core::num::NonZeroU32;
 use core::ops::Deref;
 
 use crate::format::Section;
 use crate::layout::Record;
 use crate::refusal::{Cause, Refusal};
 
-/// What is wrong with one record.
+/// What is wrong with one record, in one word: checks have it in a register, and hand it on with a
+/// comparison with 0. The position stands above the section, and that above the cause.
 #[derive(Clone, Copy)]
-pub(super) struct Finding {
-    section: Section,
-    index: u16,
-    cause: Cause,
-}
+pub(super) struct Finding(NonZeroU32);
 
 impl Finding {
+    const SECTION_SHIFT: u32 = u8::BITS;
+    const INDEX_SHIFT: u32 = 2 * u8::BITS;
+
     /// A finding about a record that need not exist.
     pub(super) fn new(section: Section, index: usize, cause: Cause) -> Self {
-        let index = index as u16;
-        Self {
-            section,
-            index,
-            cause,
-        }
+        let section = (section as u32) << Self::SECTION_SHIFT;
+        let index = (index as u32) << Self::INDEX_SHIFT;
+        Self(cause.number() | section | index)
     }
 }
 
 impl From<Finding> for Refusal {
-    fn from(
-        Finding {
-            section,
-            index,
-            cause,
-        }: Finding,
-    ) -> Self {
+    fn from(Finding(word): Finding) -> Self {
+        let [cause, section, ..] = word.get().to_le_bytes();
         Self::Record {
-            section,
-            index,
-            cause,
+            section: Section::with_number(section),
+            index: (word.get() >> Finding::INDEX_SHIFT) as u16,
+            cause: Cause::with_number(cause),
         }
     }
 }
@@ -67,24 +60,4 @@ impl<T: Record> Entry<'_, T> {
             Err(Finding::new(T::SECTION, self.index, cause))
         }
     }
-}
-
-/// The record with a number. Where there is none, its absence has this cause.
-#[cfg_attr(feature = "speed", inline(always))]
-pub(super) fn entry<T: Record>(
-    records: &[T],
-    index: usize,
-    cause: Cause,
-) -> Result<Entry<'_, T>, Finding> {
-    match records.get(index) {
-        Some(record) => Ok(Entry { record, index }),
-        None => Err(Finding::new(T::SECTION, index, cause)),
-    }
-}
-
-/// All records of a table.
-#[cfg_attr(feature = "speed", inline(always))]
-pub(super) fn entries<T>(records: &[T]) -> impl Iterator<Item = Entry<'_, T>> {
-    let records = records.iter().enumerate();
-    records.map(|(index, record)| Entry { record, index })
 }

@@ -2,7 +2,7 @@
 
 use core::num::NonZeroU32;
 
-use super::finding::{Finding, entries};
+use super::finding::{Entry, Finding};
 use crate::format::MAX_TIME_US;
 use crate::layout::Slot;
 use crate::refusal::Cause;
@@ -10,7 +10,8 @@ use crate::refusal::Cause;
 /// Checks all slots. The interpreter's starts at 0, for the time of a machine is that of its slots.
 pub(super) fn check(slots: &[Slot], interpreter_slot: usize) -> Result<(), Finding> {
     let mut highest_number = 0;
-    for slot in entries(slots) {
+    for (index, record) in slots.iter().enumerate() {
+        let slot = Entry { record, index };
         let (number, period_us) = (slot.number.get(), slot.period_us.get());
         let (start_us, duration_us) = (slot.start_us.get(), slot.duration_us.get());
         let is_in_range = number > 0

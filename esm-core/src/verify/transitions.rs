@@ -3,7 +3,7 @@
 use core::ops::Range;
 
 use super::code::Scope;
-use super::finding::{Entry, Finding, entry};
+use super::finding::{Entry, Finding};
 use super::pass::Pass;
 use crate::format::{self, Section};
 use crate::layout::{State, Transition};
@@ -44,9 +44,7 @@ impl Pass<'_> {
         let mut last_event = format::PULSE;
         let mut next_of_row = 0;
         while self.checked[Section::Transitions] < end {
-            let next = self.checked[Section::Transitions];
-            let transition = entry(self.records.transitions, next, Cause::Index)?;
-            self.checked[Section::Transitions] += 1;
+            let transition = self.next::<Transition>(Cause::Index)?;
             let event = transition.event.get() & format::MAX_EVENT;
             let guard = transition.guard.get();
             summary.events |= 1 << (event % u32::BITS as u16);
@@ -84,7 +82,7 @@ impl Pass<'_> {
             && target_index < source.region.end
             && usize::from(action) < usize::from(format::ACTION_SEND) + source.channels;
         transition.ensure(exists, Cause::Index)?;
-        let target = entry(self.records.states, target_index, Cause::Kind)?;
+        let target = self.entry::<State>(target_index, Cause::Kind)?;
 
         let is_marked = transition.event.get() & format::TRANSITION_IS_PLAIN != 0;
         let is_plain = changes_state_only(source.state, &target, action)

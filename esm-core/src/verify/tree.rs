@@ -2,11 +2,14 @@
 
 use core::ops::Range;
 
-use super::finding::{Entry, Finding, entries, entry};
+use super::finding::{Entry, Finding};
 use super::pass::Pass;
 use super::transitions::Source;
 use crate::format::{self, Section};
-use crate::layout::{Container, Instance, Mission, State};
+use crate::layout::{
+    Container, Instance, Mission, Region, RegionInstance, State, Task, TaskInstance, TaskState,
+    Timer,
+};
 use crate::refusal::Cause;
 
 /// An instance that is walked over.
@@ -52,7 +55,7 @@ impl Content {
 impl<'a> Pass<'a> {
     /// Checks all instances, and all templates in their first instances.
     pub(super) fn check_instances(&mut self, mission: &Mission) -> Result<(), Finding> {
-        for instance in entries(self.records.instances) {
+        for instance in self.entries::<Instance>() {
             self.check_instance(instance, mission.events.get())?;
         }
         Ok(())
@@ -79,14 +82,14 @@ impl<'a> Pass<'a> {
             ];
             let begins = starts.iter().all(|start| start.get() == 0);
             instance.ensure(begins, Cause::Template)?;
-            self.records.region_instances.len()
+            self.tables.count(Section::RegionInstances)
         } else {
             // Behind its last region comes what comes behind the region around.
-            let around = self.records.region_instances.get(instance.around.get());
+            let around = self.tables.record::<RegionInstance>(instance.around.get());
             around.map_or(format::NONE.into(), |around| around.next.get())
         };
 
-        let container = entry(self.records.containers, number, Cause::Order)?;
+        let container = self.entry::<Container>(number, Cause::Order)?;
         let is_model = number == self.checked[Section::Containers];
         if is_model {
             let in_order = container.first_region.get() == self.checked[Section::Regions]
@@ -130,13 +133,13 @@ impl<'a> Pass<'a> {
         index: usize,
         behind: usize,
     ) -> Result<bool, Finding> {
-        let region = entry(self.records.regions, index, Cause::Order)?;
-        let next = self.records.regions.get(index + 1);
+        let region = self.entry::<Region>(index, Cause::Order)?;
+        let next = self.tables.record::<Region>(index + 1);
         let number = walk.instance.container.get();
         let first_state = region.first_state.get();
         let end_state = next.and_then(|next| next.first_state.index());
         let of = RegionOf {
-            states: first_state..end_state.unwrap_or(self.records.states.len()),
+            states: first_state..end_state.unwrap_or(self.tables.count(Section::States)),
             instance: walk.instance.first_region.get() + walk.taken.regions,
         };
         walk.taken.regions += 1;
@@ -158,7 +161,7 @@ impl<'a> Pass<'a> {
             true => behind,
             false => walk.instance.first_region.get() + walk.taken.regions,
         };
-        let record = entry(self.records.region_instances, of.instance, Cause::Template)?;
+        let record = self.entry::<RegionInstance>(of.instance, Cause::Template)?;
         let is_right = record.next.get() == right_next
             && record.first_flag == walk.instance.first_flag
             && record.initial == region.first_state
@@ -174,7 +177,7 @@ impl<'a> Pass<'a> {
         region: &RegionOf,
         index: usize,
     ) -> Result<(), Finding> {
-        let state = entry(self.records.states, index, Cause::Kind)?;
+        let state = self.entry::<State>(index, Cause::Kind)?;
         // Templates that are used often could make the walk much longer than the blob.
         self.state_instances += 1;
         let is_short = self.state_instances <= format::MAX_STATE_INSTANCES;
@@ -209,7 +212,7 @@ impl<'a> Pass<'a> {
     ) -> Result<Content, Finding> {
         let a = walk.taken.tasks;
         let index = walk.instance.first_task.get() + a;
-        let record = entry(self.records.task_instances, index, Cause::Template)?;
+        let record = self.entry::<TaskInstance>(index, Cause::Template)?;
         let number = record.task_state.get();
         let is_right = record.state.get() == state.index
             && record.region.get() == region.instance
@@ -220,7 +223,7 @@ impl<'a> Pass<'a> {
         walk.taken.flags += state.flags();
 
         // No other task state has this state: each one's is tested here once, in its turn.
-        let task_state = entry(self.records.task_states, number, Cause::Template)?;
+        let task_state = self.entry::<TaskState>(number, Cause::Template)?;
         task_state.ensure(task_state.state.get() == state.index, Cause::Template)?;
         if !walk.is_model {
             return Ok(Content::WRONG);
@@ -228,13 +231,15 @@ impl<'a> Pass<'a> {
         self.checked[Section::TaskStates] += 1;
         // Its slot exists; in slot 0 there is none.
         let has_slot = match task_state.slot.index() {
-            Some(slot) => state.kind() == format::STATE_TASK && slot < self.records.slots.len(),
+            Some(slot) => {
+                state.kind() == format::STATE_TASK && slot < self.tables.count(Section::Slots)
+            }
             None => state.kind() == format::STATE_BACKGROUND_TASK,
         };
         task_state.ensure(has_slot, Cause::Index)?;
         let in_order = task_state.first_param.get() == self.checked[Section::Params];
         task_state.ensure(in_order, Cause::Order)?;
-        let task = self.records.tasks.get(task_state.task.get());
+        let task = self.tables.record::<Task>(task_state.task.get());
         self.checked[Section::Params] += task.map_or(0, |task| task.params.get());
         Ok(Content {
             a,
@@ -247,15 +252,10 @@ impl<'a> Pass<'a> {
         let a = walk.taken.instances;
         // What the first instance of the container around makes of this state holds for all of them.
         let model = walk.container.first_instance.get() + a;
-        let record = entry(
-            self.records.instances,
-            walk.instance.index + a,
-            Cause::Template,
-        )?;
+        let record = self.entry::<Instance>(walk.instance.index + a, Cause::Template)?;
         let container = self
-            .records
-            .instances
-            .get(model)
+            .tables
+            .record::<Instance>(model)
             .map(|model| model.container);
         let is_right = container == Some(record.container)
             && record.first_region.get() == walk.instance.first_region.get() + walk.taken.regions
@@ -264,7 +264,7 @@ impl<'a> Pass<'a> {
             && record.around.get() == region.instance;
         record.ensure(is_right, Cause::Template)?;
         // It takes what its container does.
-        let Some(container) = self.records.containers.get(record.container.get()) else {
+        let Some(container) = self.tables.record::<Container>(record.container.get()) else {
             return Ok(Content::WRONG);
         };
         walk.taken.flags += container.flag_span.get();
@@ -286,9 +286,9 @@ impl<'a> Pass<'a> {
         first_flag: usize,
         content: Content,
     ) -> Result<(), Finding> {
-        let end = self.records.states.get(state.index + 1);
+        let end = self.tables.record::<State>(state.index + 1);
         let end = end.and_then(|next| next.first_transition.index());
-        let end = end.unwrap_or(self.records.transitions.len());
+        let end = end.unwrap_or(self.tables.count(Section::Transitions));
         // The first of its region is `initial` and the last is `final`, without anything; between them are others.
         let empty = |kind: u16| state.shape.get() == kind << format::STATE_KIND_SHIFT;
         let is_right = if state.index == region.states.start {
@@ -309,7 +309,7 @@ impl<'a> Pass<'a> {
 
         let timer = self.checked[Section::Timers];
         if state.has_timeout() {
-            let record = entry(self.records.timers, timer, Cause::Range)?;
+            let record = self.entry::<Timer>(timer, Cause::Range)?;
             let is_in_range = record.timeout_us.get() <= format::MAX_TIME_US;
             record.ensure(is_in_range, Cause::Range)?;
             self.checked[Section::Timers] += 1;
