@@ -240,7 +240,8 @@ impl<'a> Pass<'a> {
         const WORD_BITS: usize = u32::BITS as usize;
         let regions = self.tables.count(Section::RegionInstances);
         let words = self.tables.count(Section::Listeners);
-        for channel in self.entries::<Channel>() {
+        for index in self.numbers(Section::Channels) {
+            let channel = self.entry::<Channel>(index, Cause::Order)?;
             let event = usize::from(channel.event.get());
             let row_words = channel.region_words.get();
             let end = channel.first_region_word.get() + row_words;
@@ -263,7 +264,8 @@ impl<'a> Pass<'a> {
     /// Checks tasks: their texts stand one behind the other, and their groups exist.
     fn check_tasks(&mut self, mission: &Mission) -> Result<(), Finding> {
         let groups = mission.exclusive_groups.get();
-        for task in self.entries::<Task>() {
+        for index in self.numbers(Section::Tasks) {
+            let task = self.entry::<Task>(index, Cause::Order)?;
             let in_order = task.text_start.get() == self.checked[Section::Signatures];
             task.ensure(in_order, Cause::Order)?;
             self.checked[Section::Signatures] += task.text_length.get();
@@ -275,7 +277,8 @@ impl<'a> Pass<'a> {
 
     /// Checks that task instances have their connections one behind the other, as many as their tasks have data ports.
     fn check_task_instances(&mut self) -> Result<(), Finding> {
-        for instance in self.entries::<TaskInstance>() {
+        for index in self.numbers(Section::TaskInstances) {
+            let instance = self.entry::<TaskInstance>(index, Cause::Order)?;
             let first = instance.first_connection.get();
             instance.ensure(first == self.checked[Section::Connections], Cause::Order)?;
             let task_state = self.tables.record::<TaskState>(instance.task_state.get());
@@ -288,7 +291,8 @@ impl<'a> Pass<'a> {
     /// Checks that connections lead to nets.
     fn check_connections(&self) -> Result<(), Finding> {
         let nets = self.tables.count(Section::Nets);
-        for connection in self.entries::<Connection>() {
+        for index in self.numbers(Section::Connections) {
+            let connection = self.entry::<Connection>(index, Cause::Order)?;
             let exists = connection.net.index().is_none_or(|net| net < nets);
             connection.ensure(exists, Cause::Index)?;
         }

@@ -1,6 +1,6 @@
 //! What the whole check has at hand: the tables of a blob, and how far it has come in them.
 
-use core::ops::{Index, IndexMut};
+use core::ops::{Index, IndexMut, Range};
 
 use super::finding::{Entry, Finding};
 use crate::format::Section;
@@ -46,14 +46,9 @@ impl<'a> Pass<'a> {
         Ok(entry)
     }
 
-    /// All records of a table.
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn entries<T: Record>(&self) -> impl Iterator<Item = Entry<'a, T>> + use<'a, T> {
-        let tables = self.tables;
-        (0..).map_while(move |index| {
-            let record = tables.record(index)?;
-            Some(Entry { record, index })
-        })
+    /// Numbers of all records of a table.
+    pub(super) fn numbers(&self, section: Section) -> Range<usize> {
+        0..self.tables.count(section)
     }
 }
 

@@ -55,7 +55,8 @@ impl Content {
 impl<'a> Pass<'a> {
     /// Checks all instances, and all templates in their first instances.
     pub(super) fn check_instances(&mut self, mission: &Mission) -> Result<(), Finding> {
-        for instance in self.entries::<Instance>() {
+        for index in self.numbers(Section::Instances) {
+            let instance = self.entry::<Instance>(index, Cause::Order)?;
             self.check_instance(instance, mission.events.get())?;
         }
         Ok(())
