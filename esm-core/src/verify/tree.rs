@@ -20,16 +20,29 @@ struct Walk<'t> {
     container: Entry<'t, Container>,
     /// Whether it is the first instance of its container, in which the template is checked, too.
     is_model: bool,
-    /// What the parts that were walked over take.
-    taken: Spans,
+    /// Where its next part begins.
+    next: Places,
 }
 
-/// Flags, task instances, region instances and container instances.
-struct Spans {
-    flags: usize,
-    tasks: usize,
-    regions: usize,
-    instances: usize,
+/// A flag, a task instance, a region instance and a container instance of the machine.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Places {
+    flag: usize,
+    task: usize,
+    region: usize,
+    instance: usize,
+}
+
+impl Places {
+    /// What stands behind an instance of a container, and all that is inside it.
+    fn behind(instance: &Entry<'_, Instance>, container: &Container) -> Self {
+        Self {
+            flag: instance.first_flag.get() + container.flag_span.get(),
+            task: instance.first_task.get() + container.task_span.get(),
+            region: instance.first_region.get() + container.region_span.get(),
+            instance: instance.index + container.instance_span.get(),
+        }
+    }
 }
 
 /// A region of an instance.
@@ -100,15 +113,15 @@ impl<'a> Pass<'a> {
         }
         self.checked[Section::Channels] += container.channels.get();
 
-        // It takes the flags at its head and itself, and what its states take.
+        // Its states come behind the flags at its head.
         let mut walk = Walk {
             events,
             is_model,
-            taken: Spans {
-                flags: head(&container),
-                tasks: 0,
-                regions: 0,
-                instances: 1,
+            next: Places {
+                flag: instance.first_flag.get() + head(&container),
+                task: instance.first_task.get(),
+                region: instance.first_region.get(),
+                instance: instance.index + 1,
             },
             instance,
             container,
@@ -117,14 +130,8 @@ impl<'a> Pass<'a> {
         while !self.check_region(&mut walk, region, behind)? {
             region += 1;
         }
-        let Walk {
-            container, taken, ..
-        } = walk;
-        let is_sum = container.flag_span.get() == taken.flags
-            && container.task_span.get() == taken.tasks
-            && container.region_span.get() == taken.regions
-            && container.instance_span.get() == taken.instances;
-        container.ensure(is_sum, Cause::Template)
+        let is_sum = walk.next == Places::behind(&walk.instance, &walk.container);
+        walk.container.ensure(is_sum, Cause::Template)
     }
 
     /// Checks a region of an instance, its record, and its states. Returns whether it is the last.
@@ -141,9 +148,9 @@ impl<'a> Pass<'a> {
         let end_state = next.and_then(|next| next.first_state.index());
         let of = RegionOf {
             states: first_state..end_state.unwrap_or(self.tables.count(Section::States)),
-            instance: walk.instance.first_region.get() + walk.taken.regions,
+            instance: walk.next.region,
         };
-        walk.taken.regions += 1;
+        walk.next.region += 1;
         if walk.is_model {
             // Two states at least, behind those of the region before.
             self.checked[Section::Regions] += 1;
@@ -160,7 +167,7 @@ impl<'a> Pass<'a> {
         let is_last = next.is_none_or(|next| next.container.get() != number);
         let right_next = match is_last {
             true => behind,
-            false => walk.instance.first_region.get() + walk.taken.regions,
+            false => walk.next.region,
         };
         let record = self.entry::<RegionInstance>(of.instance, Cause::Template)?;
         let is_right = record.next.get() == right_next
@@ -183,10 +190,10 @@ impl<'a> Pass<'a> {
         self.state_instances += 1;
         let is_short = self.state_instances <= format::MAX_STATE_INSTANCES;
         state.ensure(is_short, Cause::Range)?;
-        let first_flag = walk.taken.flags;
+        let first_flag = walk.next.flag - walk.instance.first_flag.get();
         let content = match state.kind() {
             format::STATE_SIMPLE => {
-                walk.taken.flags += state.flags();
+                walk.next.flag += state.flags();
                 // A flag, its timeout, or nothing at all.
                 let has_flag = state.has_timeout() || state.flags() != 0;
                 let flags = Some(usize::from(has_flag));
@@ -211,17 +218,16 @@ impl<'a> Pass<'a> {
         region: &RegionOf,
         state: &Entry<'a, State>,
     ) -> Result<Content, Finding> {
-        let a = walk.taken.tasks;
-        let index = walk.instance.first_task.get() + a;
+        let index = walk.next.task;
         let record = self.entry::<TaskInstance>(index, Cause::Template)?;
         let number = record.task_state.get();
         let is_right = record.state.get() == state.index
             && record.region.get() == region.instance
-            && record.first_flag.get() == walk.instance.first_flag.get() + walk.taken.flags
+            && record.first_flag.get() == walk.next.flag
             && (!walk.is_model || number == self.checked[Section::TaskStates]);
         record.ensure(is_right, Cause::Template)?;
-        walk.taken.tasks += 1;
-        walk.taken.flags += state.flags();
+        walk.next.task += 1;
+        walk.next.flag += state.flags();
 
         // No other task state has this state: each one's is tested here once, in its turn.
         let task_state = self.entry::<TaskState>(number, Cause::Template)?;
@@ -243,35 +249,29 @@ impl<'a> Pass<'a> {
         let task = self.tables.record::<Task>(task_state.task.get());
         self.checked[Section::Params] += task.map_or(0, |task| task.params.get());
         Ok(Content {
-            a,
+            a: index - walk.instance.first_task.get(),
             flags: task.map(|task| format::TASK_CONTROL_FLAGS + task.flags.get()),
         })
     }
 
     /// Checks the record of the instance inside a superstate.
     fn check_inside(&mut self, walk: &mut Walk<'a>, region: &RegionOf) -> Result<Content, Finding> {
-        let a = walk.taken.instances;
-        // What the first instance of the container around makes of this state holds for all of them.
+        let a = walk.next.instance - walk.instance.index;
+        let record = self.entry::<Instance>(walk.next.instance, Cause::Template)?;
+        // What the first instance of the container around makes of this state holds for all.
         let model = walk.container.first_instance.get() + a;
-        let record = self.entry::<Instance>(walk.instance.index + a, Cause::Template)?;
-        let container = self
-            .tables
-            .record::<Instance>(model)
-            .map(|model| model.container);
-        let is_right = container == Some(record.container)
-            && record.first_region.get() == walk.instance.first_region.get() + walk.taken.regions
-            && record.first_flag.get() == walk.instance.first_flag.get() + walk.taken.flags
-            && record.first_task.get() == walk.instance.first_task.get() + walk.taken.tasks
+        let model = self.tables.record::<Instance>(model);
+        let is_right = model.is_some_and(|model| model.container == record.container)
+            && record.first_region.get() == walk.next.region
+            && record.first_flag.get() == walk.next.flag
+            && record.first_task.get() == walk.next.task
             && record.around.get() == region.instance;
         record.ensure(is_right, Cause::Template)?;
         // It takes what its container does.
         let Some(container) = self.tables.record::<Container>(record.container.get()) else {
             return Ok(Content::WRONG);
         };
-        walk.taken.flags += container.flag_span.get();
-        walk.taken.tasks += container.task_span.get();
-        walk.taken.regions += container.region_span.get();
-        walk.taken.instances += container.instance_span.get();
+        walk.next = Places::behind(&record, container);
         Ok(Content {
             a,
             flags: Some(head(container)),
@@ -310,10 +310,9 @@ impl<'a> Pass<'a> {
 
         let timer = self.checked[Section::Timers];
         if state.has_timeout() {
-            let record = self.entry::<Timer>(timer, Cause::Range)?;
+            let record = self.next::<Timer>(Cause::Range)?;
             let is_in_range = record.timeout_us.get() <= format::MAX_TIME_US;
             record.ensure(is_in_range, Cause::Range)?;
-            self.checked[Section::Timers] += 1;
         }
         let source = Source {
             state,
