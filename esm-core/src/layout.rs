@@ -1,11 +1,13 @@
 //! The records of a blob: one struct for each kind, byte for byte as it stands there.
 //!
-//! This is the only definition of the layout. The verifier and [`Tables`](crate::tables::Tables) borrow records from a
-//! blob in place, the interpreter reads fields at their offsets in these structs, and compilers fill the structs in.
+//! This is the only definition of the layout. The verifier and [`Tables`](crate::tables::Tables)
+//! borrow records from a blob in place, the interpreter reads fields at their offsets in these
+//! structs, and compilers fill the structs in.
 //!
-//! The views are [zerocopy](zerocopy)'s: it derives, from an ordinary struct, that any bytes of the right length are a
-//! record and that a record is its bytes. Views of our own would need `unsafe` for the same borrow, or would decode each
-//! record into a second struct first. All fields are little endian and need no alignment, so a struct has no gaps.
+//! The views are [zerocopy](zerocopy)'s: it derives, from an ordinary struct, that any bytes of the
+//! right length are a record and that a record is its bytes. Views of our own would need `unsafe`
+//! for the same borrow, or would decode each record into a second struct first. All fields are
+//! little endian and need no alignment, so a struct has no gaps.
 
 use core::mem::offset_of;
 use core::ops::Range;
@@ -151,8 +153,8 @@ records! {
         first_flag: Short,
         /// Kind, timeout mark and number of flags.
         shape: U16,
-        /// Task state: its task instance, relative to the first of the instance. Superstate: the container instance
-        /// inside, relative to the instance. Otherwise 0.
+        /// Task state: its task instance, relative to the first of the instance. Superstate: the
+        /// container instance inside, relative to the instance. Otherwise 0.
         a: Short,
         /// With a timeout: its timer. Otherwise the length of its row of guards.
         b: Short,
@@ -172,7 +174,8 @@ records! {
 
     /// An instruction of a guard or an action.
     Code: Code {
-        /// Flag, relative to the first of the instance; or channel, relative to the first of the instance.
+        /// Flag, relative to the first of the instance; or channel, relative to the first of the
+        /// instance.
         operand: Short,
         /// Operation, and jump or last mark.
         control: U16,
@@ -387,7 +390,8 @@ const RECORD_BYTES: [u8; Section::ALL.len()] = {
     bytes
 };
 
-/// The offset of a field, for the interpreter: it reads fields by the place of their record alone, see [`crate::reads`].
+/// The offset of a field, for the interpreter: it reads fields by the place of their record alone,
+/// see [`crate::reads`].
 #[derive(Clone, Copy)]
 pub(crate) struct Field(usize);
 
@@ -401,7 +405,6 @@ impl Field {
 
 macro_rules! fields {
     ($( $module:ident: $record:ident { $( $name:ident $field:ident, )* } )*) => { $(
-        #[allow(dead_code, reason = "some fields are the verifier's alone")]
         pub(crate) mod $module {
             use super::{Field, $record, offset_of};
             $( pub(crate) const $name: Field = Field(offset_of!($record, $field)); )*
@@ -411,36 +414,23 @@ macro_rules! fields {
 
 fields! {
     mission: Mission {
-        QUEUE queue, INTERPRETER_SLOT interpreter_slot, EVENTS events, FLAGS flags,
-        EXCLUSIVE_GROUPS exclusive_groups,
+        QUEUE queue, INTERPRETER_SLOT interpreter_slot, FLAGS flags,
     }
     slot: Slot {
-        NUMBER number, PERIOD period_us, DURATION duration_us, START start_us,
+        PERIOD period_us,
     }
     container: Container {
-        FIRST_REGION first_region, FLAGS flags, CHANNELS channels,
-        FIRST_INSTANCE first_instance, FLAG_SPAN flag_span, TASK_SPAN task_span,
-        REGION_SPAN region_span, INSTANCE_SPAN instance_span,
-    }
-    region: Region {
-        FIRST_STATE first_state, CONTAINER container,
+        TASK_SPAN task_span,
     }
     state: State {
-        EVENTS events, FIRST_TRANSITION first_transition,
-        FIRST_EVENT_TRANSITION first_event_transition, FIRST_FLAG first_flag, SHAPE shape, A a,
-        B b,
+        FIRST_TRANSITION first_transition, FIRST_EVENT_TRANSITION first_event_transition,
+        FIRST_FLAG first_flag, SHAPE shape, A a, B b,
     }
     transition: Transition {
         EVENT event, TARGET target, GUARD guard, ACTION action,
     }
     code: Code {
         OPERAND operand, CONTROL control,
-    }
-    mask: Mask {
-        MASK mask, VALUE value,
-    }
-    timer: Timer {
-        TIMEOUT timeout_us,
     }
     instance: Instance {
         CONTAINER container, FIRST_REGION first_region, FIRST_FLAG first_flag,
@@ -453,18 +443,7 @@ fields! {
         EVENT event, FIRST_ROW_WORD first_row_word, FIRST_REGION_WORD first_region_word,
         REGION_WORDS region_words,
     }
-    listener: Listener {
-        REGIONS regions,
-    }
-    task: Task {
-        SIGNATURE_HASH signature_hash, TEXT_START text_start, TEXT_LENGTH text_length,
-        EXCLUSIVE exclusive, DATA data, FLAGS flags, PARAMS params,
-    }
-    task_state: TaskState {
-        TASK task, SLOT slot, FIRST_PARAM first_param, STATE state,
-    }
     task_instance: TaskInstance {
-        STATE state, REGION region, FIRST_CONNECTION first_connection, FIRST_FLAG first_flag,
-        TASK_STATE task_state,
+        STATE state, REGION region, FIRST_FLAG first_flag,
     }
 }

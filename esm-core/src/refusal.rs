@@ -8,7 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::format::{MAX_SLOTS, Section};
 
-/// Why a blob is refused. It must be built again, or sent again; none of these can be put right on the robot.
+/// Why a blob is refused. It must be built again, or sent again; none of these can be put right on
+/// the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
     /// It does not begin as a blob of this format's version does.
@@ -53,9 +54,11 @@ pub enum Cause {
     Direction,
     /// A record of the instance tree is not what its template makes of it.
     Template,
-    /// A text is malformed, or its hash or its counts differ; reported by [`texts::check`](crate::texts::check) alone.
+    /// A text is malformed, or its hash or its counts differ; reported by
+    /// [`texts::check`](crate::texts::check) alone.
     Text,
-    /// A port's type is not that of its net; reported by [`texts::check`](crate::texts::check) alone.
+    /// A port's type is not that of its net; reported by [`texts::check`](crate::texts::check)
+    /// alone.
     Type,
     /// Two slots overlap, or have the same number.
     Overlap,
@@ -93,7 +96,8 @@ impl fmt::Display for Refusal {
             Self::TrailingBytes => f.write_str("there are bytes behind its end"),
             Self::Checksum { stored, computed } => write!(
                 f,
-                "its bytes changed on the way: their checksum is {computed:08x}, it says {stored:08x}"
+                "its bytes changed on the way: their checksum is {computed:08x}, \
+                 it says {stored:08x}"
             ),
             Self::SectionLength(Section::Slots) => write!(
                 f,

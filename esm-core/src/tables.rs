@@ -1,8 +1,9 @@
 //! The tables of a blob, read in place.
 //!
-//! [`Tables`] is a set of borrowed slices, one for each section of the [format](mod@crate::format), and a decoder for each kind of
-//! record. Nothing is copied and nothing panics: an index outside a table reads as `None`. All indices are positions in
-//! tables; what they are relative to stands with each field.
+//! [`Tables`] is a set of borrowed slices, one for each section of the [format](mod@crate::format),
+//! and a decoder for each kind of record. Nothing is copied and nothing panics: an index outside a
+//! table reads as `None`. All indices are positions in tables; what they are relative to stands
+//! with each field.
 
 use zerocopy::FromBytes;
 
@@ -49,7 +50,8 @@ pub struct Container {
 /// A region template.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Region {
-    /// Its first state, which is its `initial` pseudo-state; the others follow in source order, `final` is the last.
+    /// Its first state, which is its `initial` pseudo-state; the others follow in source order,
+    /// `final` is the last.
     pub first_state: usize,
     /// The container that it belongs to.
     pub container: usize,
@@ -81,16 +83,18 @@ pub enum StateKind {
 /// A local state of a region template, pseudo-states included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct State {
-    /// Events that its transitions are on: bit 0 for the pulse, and for each other event the bit of its number's remainder by 32.
+    /// Events that its transitions are on: bit 0 for the pulse, and for each other event the bit of
+    /// its number's remainder by 32.
     pub events: u32,
-    /// First transition out of it; first those on the pulse in source order, then the others by the numbers of their events.
+    /// First transition out of it; first those on the pulse in source order, then the others by the
+    /// numbers of their events.
     pub first_transition: usize,
     /// First transition that is not on the pulse.
     pub first_event_transition: usize,
     /// First bit of its flag block, relative to [`Instance::first_flag`].
     pub first_flag: usize,
-    /// Bits that entering it resets. Task state: exit, timeout, busy, control flags. Superstate: exit, timeout, control flags.
-    /// Simple state: timeout, or none where nothing needs it.
+    /// Bits that entering it resets. Task state: exit, timeout, busy, control flags. Superstate:
+    /// exit, timeout, control flags. Simple state: timeout, or none where nothing needs it.
     pub flags: usize,
     /// What it is.
     pub kind: StateKind,
@@ -113,7 +117,8 @@ pub struct Transition {
     pub action: u16,
 }
 
-/// What must hold for a transition to be taken. Bits are those of the window: bit 0 is the first flag of the state that is left.
+/// What must hold for a transition to be taken. Bits are those of the window: bit 0 is the first
+/// flag of the state that is left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Guard {
     /// Always true.
@@ -142,7 +147,8 @@ pub enum Guard {
 /// One instruction of a guard or an action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Code {
-    /// Guard: goes on with the next instruction unless the flag has the value `jump_if`, else jumps.
+    /// Guard: goes on with the next instruction unless the flag has the value `jump_if`, else
+    /// jumps.
     Test {
         /// Bit relative to [`Instance::first_flag`].
         flag: usize,
@@ -178,7 +184,8 @@ pub enum Code {
     },
 }
 
-/// A container instance: the machine (instance 0) or what is inside one superstate. Numbered depth first.
+/// A container instance: the machine (instance 0) or what is inside one superstate. Numbered depth
+/// first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Instance {
     /// Its container.
@@ -191,14 +198,17 @@ pub struct Instance {
     pub first_channel: usize,
     /// The first task instance inside it, at any depth.
     pub first_task: usize,
-    /// The region instance that holds its superstate; 0 for the machine, where it means nothing. See [`Tables::superstate_of`].
+    /// The region instance that holds its superstate; 0 for the machine, where it means nothing.
+    /// See [`Tables::superstate_of`].
     pub around: usize,
 }
 
-/// A region instance. Numbered depth first: what is inside a region's superstates stands between it and the next of its siblings.
+/// A region instance. Numbered depth first: what is inside a region's superstates stands between it
+/// and the next of its siblings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RegionInstance {
-    /// Where the walk goes on when this region and all inside it are done: always above its own index; the number of region instances at the end.
+    /// Where the walk goes on when this region and all inside it are done: always above its own
+    /// index; the number of region instances at the end.
     pub next: usize,
     /// [`Instance::first_flag`] of its instance.
     pub first_flag: usize,
@@ -208,7 +218,8 @@ pub struct RegionInstance {
     pub instance: usize,
 }
 
-/// An event as sent from one container instance, and the row of region instances that listen to it; see [`Tables::is_listening`].
+/// An event as sent from one container instance, and the row of region instances that listen to it;
+/// see [`Tables::is_listening`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Channel {
     /// Number of the event.
@@ -265,7 +276,8 @@ pub struct TaskInstance {
 /// Where what belongs to a task instance stands: looked up once, and read as often as it is needed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TaskPlaces {
-    /// First bit of its flag block: exit, timeout, busy, control flags in the order of the signature.
+    /// First bit of its flag block: exit, timeout, busy, control flags in the order of the
+    /// signature.
     pub first_flag: u16,
     /// Length of that block.
     pub flags: u16,
@@ -596,7 +608,8 @@ impl<'a> Tables<'a> {
         self.record::<layout::Slot>(index).map(Slot::from)
     }
 
-    /// The containers in the order in which the instance tree first uses them; the machine is container 0.
+    /// The containers in the order in which the instance tree first uses them; the machine is
+    /// container 0.
     pub fn containers(&self) -> impl ExactSizeIterator<Item = Container> + use<'a> {
         self.records::<layout::Container>()
             .iter()
@@ -668,7 +681,8 @@ impl<'a> Tables<'a> {
             .saturating_sub(1)
     }
 
-    /// The transitions out of a state: first those on the pulse in source order, then the others by the numbers of their events, those on one event in source order.
+    /// The transitions out of a state: first those on the pulse in source order, then the others by
+    /// the numbers of their events, those on one event in source order.
     #[must_use]
     pub fn transitions_of(&self, state: usize) -> core::ops::Range<usize> {
         match self.state(state) {
@@ -775,8 +789,8 @@ impl<'a> Tables<'a> {
         self.record::<layout::Instance>(index).map(Instance::from)
     }
 
-    /// The superstate that a container instance is inside of: region instance and state; none for the machine. Takes time proportional to the number of
-    /// states of its region.
+    /// The superstate that a container instance is inside of: region instance and state; none for
+    /// the machine. Takes time proportional to the number of states of its region.
     #[must_use]
     pub fn superstate_of(&self, instance: usize) -> Option<(usize, usize)> {
         let around = (instance != 0).then_some(self.instance(instance)?.around)?;
@@ -841,8 +855,8 @@ impl<'a> Tables<'a> {
         self.record::<layout::Channel>(index).map(Channel::from)
     }
 
-    /// Whether a region instance listens to what is sent on `channel`: whether the event is visible in its container instance, and its template has a
-    /// transition on it. Takes constant time.
+    /// Whether a region instance listens to what is sent on `channel`: whether the event is visible
+    /// in its container instance, and its template has a transition on it. Takes constant time.
     #[must_use]
     pub fn is_listening(&self, channel: &Channel, region_instance: usize) -> bool {
         const WORD_BITS: usize = 32;
@@ -915,7 +929,8 @@ impl<'a> Tables<'a> {
         self.task_state(self.task_instance(task_instance)?.task_state)
     }
 
-    /// First bit of a task instance's flag block (exit, timeout, busy, control flags in the order of the signature), and its length.
+    /// First bit of a task instance's flag block (exit, timeout, busy, control flags in the order
+    /// of the signature), and its length.
     #[must_use]
     pub fn flags_of_task(&self, task_instance: usize) -> Option<(usize, usize)> {
         let instance: &layout::TaskInstance = self.record(task_instance)?;
@@ -939,7 +954,8 @@ impl<'a> Tables<'a> {
         })
     }
 
-    /// The nets of a task's data ports, by their place in the signature; see [`TaskPlaces::first_connection`].
+    /// The nets of a task's data ports, by their place in the signature; see
+    /// [`TaskPlaces::first_connection`].
     pub fn nets_from(&self, first_connection: u16) -> impl Fn(usize) -> Option<usize> + use<'a> {
         let records = self.records::<layout::Connection>();
         let records = records.get(usize::from(first_connection)..).unwrap_or(&[]);
@@ -961,7 +977,8 @@ impl<'a> Tables<'a> {
         Some((region.first_flag + state.first_flag, state.flags))
     }
 
-    /// The net on a connection: `None` outside the table, `Some(None)` for a port that is left open.
+    /// The net on a connection: `None` outside the table, `Some(None)` for a port that is left
+    /// open.
     #[must_use]
     pub fn connection(&self, index: usize) -> Option<Option<usize>> {
         let record: &layout::Connection = self.record(index)?;

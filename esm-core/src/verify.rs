@@ -1,41 +1,63 @@
 //! The one pass that a blob must survive before anything is taken from it.
 //!
-//! What it proves is what the [format](mod@crate::format) says: every index points into its table, every part begins where the one before ended, every jump
-//! goes ahead, and each record of the instance tree is what its template makes of it.
+//! What it proves is what the [format](mod@crate::format) says: every index points into its table,
+//! every part begins where the one before ended, every jump goes ahead, and each record of the
+//! instance tree is what its template makes of it.
 //!
-//! It walks the instances in the order of their numbers, and of each its regions, and of each region its states. An instance says what must stand in the
-//! records of its region instances and task instances, and in those of the instances inside its superstates. The first instance of a container is its *model*: there the walk checks the
-//! template, too, with transitions and code, and that the container's spans (flags, tasks, regions, instances that one instance of it takes) are the sums of its parts. So
-//! no container can hold itself, and the machine's spans are what the tables hold: nothing is claimed twice, and nothing is left out. Other
-//! tables are checked a record at a time. Time grows with the number of state instances, which is bounded, and with the square of the number of slots, which is, too; the depth of the stack is constant.
+//! It walks the instances in the order of their numbers, and of each its regions, and of each
+//! region its states. An instance says what must stand in the records of its region instances and
+//! task instances, and in those of the instances inside its superstates. The first instance of a
+//! container is its *model*: there the walk checks the template, too, with transitions and code,
+//! and that the container's spans (flags, tasks, regions, instances that one instance of it takes)
+//! are the sums of its parts. So no container can hold itself, and the machine's spans are what the
+//! tables hold: nothing is claimed twice, and nothing is left out. Other tables are checked a
+//! record at a time. Time grows with the number of state instances, which is bounded, and with the
+//! square of the number of slots, which is, too; the depth of the stack is constant.
 //!
-//! [`check`] below is the table of contents. Each step has a function; it reads records where they lie, by the structs of [`layout`], and the first
-//! rule that does not hold ends it. `tree` has instances and templates, `transitions` and `code` what templates hold, `slots` the schedule. No function calls itself.
+//! [`check`] below is the table of contents. Each step has a function; it reads records where they
+//! lie, by the structs of [`crate::layout`], and the first rule that does not hold ends it. `tree`
+//! has instances and templates, `transitions` and `code` what templates hold, `slots` the schedule.
+//! No function calls itself.
 //!
 //! # What stands when a blob has passed
 //!
 //! Reads that check nothing again name the one of these that they rely on.
 //!
-//! * **mission**: the queue holds 1 to 255 events; the interpreter's slot exists; no event's number is above the mission's count. The flags of the
-//!   whole machine are as many as the mission says.
-//! * **tree**: the region instances of an instance, and all that is inside them, stand together; `next` of a region instance is above its number and at most their count, and what lies
-//!   between is inside it. The instance of a region instance, the container and the region instance around of an instance, the instance inside a superstate (the instance plus *a*) with its first region
+//! * **mission**: the queue holds 1 to 255 events; the interpreter's slot exists; no event's number
+//!   is above the mission's count. The flags of the whole machine are as many as the mission says.
+//! * **tree**: the region instances of an instance, and all that is inside them, stand together;
+//!   `next` of a region instance is above its number and at most their count, and what lies between
+//!   is inside it. The instance of a region instance, the container and the region instance around
+//!   of an instance, the instance inside a superstate (the instance plus *a*) with its first region
 //!   instance exist, and the numbers of what is inside are above.
-//! * **current**: `initial` of a region instance, and each target of a transition out of a state of its region, is a state of its region; a target is never `initial`.
-//! * **flags**: the first flag of an instance plus any relative flag that a state, test or action of its container names is below the mission's count of flags; so are all flags of a
-//!   state's block. Tests name flags at the head of the block of their instance, or own ones of the state that is left; actions the same of the state that is entered.
-//! * **transitions**: those of a state are a range in the table, as long as the next state's begin behind. Those on the pulse come first, up to *first not on the pulse*; the others are
-//!   sorted by their events. `events` has a bit for each, and no other. `final` has none.
-//! * **plain**: the mark is set on every transition from `initial` or a simple state to a simple state without flags that has no action; on every one on the pulse from a real-time task state
-//!   without timeout and with at most [`format::PLAIN_FLAGS`] flags to itself whose action is one `send`; and on no other.
-//! * **guards**: a bit is one of the state's own flags; a mask has two bits at least, all own flags, its value no others; a program ends, its jumps lead ahead and to its end at most, it
-//!   looks inside superstates only. All code records that they need exist. Where *b* of a state without timeout is not 0, that many of its first transitions are on the pulse, with guards that
-//!   are bits, each one more than the guard before.
-//! * **actions**: a row ends. The channels of an instance exist: its first plus the one that is named. No action writes `exit` or `timeout` of a state or superstate.
-//! * **timers**: a state with a timeout has a flag for it and a record among the timers, of at most [`format::MAX_TIME_US`]. So nothing but entering its state resets a timeout flag.
-//! * **rows**: a channel's words are in the table of listeners, and those of its region words that exist; a bit is that of a region instance. Its event is not the pulse.
-//! * **tasks**: a task instance exists for each task state of each instance; its state, region instance, first flag, task state are right. The task of a task state, its slot, its parameters
-//!   and the connections of a task instance exist, as many as the task has; the state has as many flags as the task.
+//! * **current**: `initial` of a region instance, and each target of a transition out of a state of
+//!   its region, is a state of its region; a target is never `initial`.
+//! * **flags**: the first flag of an instance plus any relative flag that a state, test or action
+//!   of its container names is below the mission's count of flags; so are all flags of a state's
+//!   block. Tests name flags at the head of the block of their instance, or own ones of the state
+//!   that is left; actions the same of the state that is entered.
+//! * **transitions**: those of a state are a range in the table, as long as the next state's begin
+//!   behind. Those on the pulse come first, up to *first not on the pulse*; the others are sorted
+//!   by their events. `events` has a bit for each, and no other. `final` has none.
+//! * **plain**: the mark is set on every transition from `initial` or a simple state to a simple
+//!   state without flags that has no action; on every one on the pulse from a real-time task state
+//!   without timeout and with at most [`format::PLAIN_FLAGS`] flags to itself whose action is one
+//!   `send`; and on no other.
+//! * **guards**: a bit is one of the state's own flags; a mask has two bits at least, all own
+//!   flags, its value no others; a program ends, its jumps lead ahead and to its end at most, it
+//!   looks inside superstates only. All code records that they need exist. Where *b* of a state
+//!   without timeout is not 0, that many of its first transitions are on the pulse, with guards
+//!   that are bits, each one more than the guard before.
+//! * **actions**: a row ends. The channels of an instance exist: its first plus the one that is
+//!   named. No action writes `exit` or `timeout` of a state or superstate.
+//! * **timers**: a state with a timeout has a flag for it and a record among the timers, of at most
+//!   [`format::MAX_TIME_US`]. So nothing but entering its state resets a timeout flag.
+//! * **rows**: a channel's words are in the table of listeners, and those of its region words that
+//!   exist; a bit is that of a region instance. Its event is not the pulse.
+//! * **tasks**: a task instance exists for each task state of each instance; its state, region
+//!   instance, first flag, task state are right. The task of a task state, its slot, its parameters
+//!   and the connections of a task instance exist, as many as the task has; the state has as many
+//!   flags as the task.
 //! * **slots**: their periods are not 0, and no two are ever due at once.
 //!
 //! Texts are not looked at: see [`crate::texts`].
@@ -69,8 +91,8 @@ struct Layout {
 
 /// A blob that passed [`verify`]. Only such a blob can be interpreted.
 ///
-/// `B` must give the same bytes whenever it is dereferenced, as every slice, vector or array does. If it does not, the
-/// interpreter may do nonsense, but no memory is at risk.
+/// `B` must give the same bytes whenever it is dereferenced, as every slice, vector or array does.
+/// If it does not, the interpreter may do nonsense, but no memory is at risk.
 #[derive(Clone, Debug)]
 pub struct Verified<B> {
     bytes: B,
@@ -165,7 +187,8 @@ impl Layout {
                 return Err(Refusal::Cut);
             }
             at += length as usize;
-            // Before the first of them is looked at: the time that slots take grows with their square.
+            // Before the first of them is looked at: the time that slots take grows with their
+            // square.
             let most = match section {
                 Section::Slots => format::MAX_SLOTS,
                 _ => format::NONE - 1,
@@ -196,7 +219,8 @@ fn check(tables: Tables<'_>) -> Result<(), Finding> {
     pass.check_ends()
 }
 
-/// Tables of which each record must have been come to. Of the others each was checked by itself, or any number may be.
+/// Tables of which each record must have been come to. Of the others each was checked by itself, or
+/// any number may be.
 const WHOLE: [Section; 14] = [
     Section::Containers,
     Section::Regions,
@@ -275,7 +299,8 @@ impl<'a> Pass<'a> {
         Ok(())
     }
 
-    /// Checks that task instances have their connections one behind the other, as many as their tasks have data ports.
+    /// Checks that task instances have their connections one behind the other, as many as their
+    /// tasks have data ports.
     fn check_task_instances(&mut self) -> Result<(), Finding> {
         for index in self.numbers(Section::TaskInstances) {
             let instance = self.entry::<TaskInstance>(index, Cause::Order)?;

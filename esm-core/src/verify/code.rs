@@ -41,7 +41,8 @@ impl<'a> Pass<'a> {
         Ok(())
     }
 
-    /// Checks a mask: it has two bits at least, of a window of so many flags, and its value has no others.
+    /// Checks a mask: it has two bits at least, of a window of so many flags, and its value has no
+    /// others.
     pub(super) fn check_mask(&mut self, first: u16, window: usize) -> Result<(), Finding> {
         self.begin_code(first)?;
         let record = self.next::<Mask>(Cause::Index)?;

@@ -76,7 +76,8 @@ impl Pass<'_> {
     ) -> Result<(), Finding> {
         let target_index = transition.target.get();
         let action = transition.action.get();
-        // It leads to a state of its region, but not to `initial`; the channel that a single `send` names exists.
+        // It leads to a state of its region, but not to `initial`; the channel that a single `send`
+        // names exists.
         let exists = usize::from(event) <= source.events
             && source.region.start < target_index
             && target_index < source.region.end
@@ -136,14 +137,16 @@ impl Pass<'_> {
     }
 }
 
-/// Whether a transition from a pseudo-state or a simple state leads to a simple state without flags, without actions.
+/// Whether a transition from a pseudo-state or a simple state leads to a simple state without
+/// flags, without actions.
 fn changes_state_only(source: &State, target: &State, action: u16) -> bool {
     source.kind() <= format::STATE_SIMPLE
         && target.shape.get() == format::STATE_SIMPLE << format::STATE_KIND_SHIFT
         && action == format::ACTION_NONE
 }
 
-/// Whether a transition leads from a real-time task without timeout and with few flags to itself, with a single `send`.
+/// Whether a transition leads from a real-time task without timeout and with few flags to itself,
+/// with a single `send`.
 fn enters_itself(source: &Entry<'_, State>, target_index: usize, action: u16) -> bool {
     source.kind() == format::STATE_TASK
         && !source.has_timeout()

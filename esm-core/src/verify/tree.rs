@@ -211,7 +211,8 @@ impl<'a> Pass<'a> {
         }
     }
 
-    /// Checks the record of a task instance and, in the first instance of a container, the template of that.
+    /// Checks the record of a task instance and, in the first instance of a container, the template
+    /// of that.
     fn check_task(
         &mut self,
         walk: &mut Walk<'a>,
@@ -290,7 +291,8 @@ impl<'a> Pass<'a> {
         let end = self.tables.record::<State>(state.index + 1);
         let end = end.and_then(|next| next.first_transition.index());
         let end = end.unwrap_or(self.tables.count(Section::Transitions));
-        // The first of its region is `initial` and the last is `final`, without anything; between them are others.
+        // The first of its region is `initial` and the last is `final`, without anything; between
+        // them are others.
         let empty = |kind: u16| state.shape.get() == kind << format::STATE_KIND_SHIFT;
         let is_right = if state.index == region.states.start {
             empty(format::STATE_INITIAL)
