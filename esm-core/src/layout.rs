@@ -4,7 +4,7 @@
 //! borrow records from a blob in place, the interpreter reads fields at their offsets in these
 //! structs, and compilers fill the structs in.
 //!
-//! The views are [zerocopy](zerocopy)'s: it derives, from an ordinary struct, that any bytes of the
+//! The views are [zerocopy]'s: it derives, from an ordinary struct, that any bytes of the
 //! right length are a record and that a record is its bytes. Views of our own would need `unsafe`
 //! for the same borrow, or would decode each record into a second struct first. All fields are
 //! little endian and need no alignment, so a struct has no gaps.

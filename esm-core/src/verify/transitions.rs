@@ -119,7 +119,7 @@ impl Pass<'_> {
                 let bit = usize::from(guard % format::GUARD_IF_CLEAR);
                 transition.ensure(bit < window, Cause::Index)
             }
-            ..format::GUARD_MASK => {
+            format::GUARD_PROGRAM..format::GUARD_MASK => {
                 let last = match source.state.kind() {
                     format::STATE_SUPER => format::CODE_JUMP_IF_BUSY_INSIDE,
                     _ => format::CODE_JUMP_IF_SET,
@@ -132,7 +132,7 @@ impl Pass<'_> {
                 };
                 self.check_tests(guard - format::GUARD_PROGRAM, &scope)
             }
-            _ => self.check_mask(guard - format::GUARD_MASK, window),
+            format::GUARD_MASK.. => self.check_mask(guard - format::GUARD_MASK, window),
         }
     }
 }
