@@ -1,6 +1,9 @@
 //! The memory of a machine: words that its owner lends it, and how they are divided.
 
+use core::ops::Deref;
+
 use crate::tables::Tables;
+use crate::verify::Verified;
 
 pub(crate) const WORD_BITS: usize = u32::BITS as usize;
 
@@ -80,4 +83,20 @@ fn queue_words(capacity: usize) -> usize {
     // One place has a word of its own, as two have.
     let last = capacity.wrapping_sub(1) | 1;
     (usize::MAX / 2 + 1) >> last.leading_zeros()
+}
+
+impl<B: Deref<Target = [u8]>> Verified<B> {
+    /// 32-bit words that [`Interpreter::new`](crate::Interpreter::new) needs: one and a half and
+    /// two bits for each region instance, a bit for each flag and each task instance, and half a
+    /// word for each place in the queue.
+    #[must_use]
+    pub fn arena_words(&self) -> usize {
+        ArenaLayout::of(&self.tables()).words()
+    }
+
+    /// [`Self::arena_words`] in bytes.
+    #[must_use]
+    pub fn ram_bytes(&self) -> usize {
+        self.arena_words() * size_of::<u32>()
+    }
 }

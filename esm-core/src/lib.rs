@@ -50,10 +50,10 @@ mod buffer;
 pub mod dispatcher;
 pub mod format;
 mod interpreter;
-mod layout;
+pub mod layout;
 mod pairing;
 pub mod reads;
-mod rules;
+mod refusal;
 pub mod signature;
 pub mod tables;
 pub mod texts;
@@ -66,4 +66,5 @@ pub use interpreter::{
     StepSummary, TakenOver, TransitionTaken,
 };
 pub use pairing::{Pairing, TooManyPairs};
-pub use verify::{Cause, Refusal, Verified, verify};
+pub use refusal::{Cause, Refusal};
+pub use verify::{Verified, verify};

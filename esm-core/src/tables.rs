@@ -5,8 +5,12 @@
 //! table reads as `None`. All indices are positions in tables; what they are relative to stands
 //! with each field.
 
+use zerocopy::FromBytes;
+
 use crate::format::{self, Section};
-use crate::layout::{self, Field};
+use crate::layout::{self, Record};
+
+pub use crate::layout::record_bytes;
 use crate::signature::{PortCounts, Signature};
 
 /// A time slot.
@@ -292,33 +296,6 @@ pub struct Net {
     pub type_hash: u64,
 }
 
-/// Bytes of a record of each section.
-const RECORD_BYTES: [u8; Section::ALL.len()] = [
-    10, 16, 16, 4, 16, 8, 4, 4, 12, 8, 8, 4, 20, 1, 8, 4, 10, 2, 8, 1,
-];
-
-/// Bytes of a record of a section.
-#[cfg_attr(feature = "speed", inline(always))]
-pub const fn record_bytes(section: Section) -> usize {
-    RECORD_BYTES[section as usize] as usize
-}
-
-/// Bytes of a record of the section with this number.
-#[cfg_attr(feature = "speed", inline(always))]
-pub(crate) fn record_bytes_at(section: usize) -> u32 {
-    RECORD_BYTES
-        .get(section)
-        .map_or(1, |bytes| u32::from(*bytes))
-}
-
-/// 16-bit words of a record of the section with this number.
-#[cfg_attr(feature = "speed", inline(always))]
-pub(crate) fn record_words(section: u8) -> u8 {
-    RECORD_BYTES
-        .get(usize::from(section))
-        .map_or(0, |bytes| bytes / 2)
-}
-
 /// First byte and number of records of each section of a blob.
 pub(crate) type Sections = [(u32, u32); Section::ALL.len()];
 
@@ -329,151 +306,66 @@ pub struct Tables<'a> {
     sections: &'a Sections,
 }
 
-/// Little-endian words of a record.
-#[cfg_attr(feature = "speed", inline(always))]
-fn word(low: u8, high: u8) -> usize {
-    usize::from(u16::from_le_bytes([low, high]))
-}
-
-impl Slot {
+impl From<&layout::Slot> for Slot {
     #[inline]
-    fn decode(record: &[u8; 16]) -> Self {
-        let &[
-            n0,
-            n1,
-            n2,
-            n3,
-            p0,
-            p1,
-            p2,
-            p3,
-            d0,
-            d1,
-            d2,
-            d3,
-            s0,
-            s1,
-            s2,
-            s3,
-        ] = record;
-        Slot {
-            number: u32::from_le_bytes([n0, n1, n2, n3]),
-            period_us: u32::from_le_bytes([p0, p1, p2, p3]),
-            duration_us: u32::from_le_bytes([d0, d1, d2, d3]),
-            start_us: u32::from_le_bytes([s0, s1, s2, s3]),
+    fn from(record: &layout::Slot) -> Self {
+        Self {
+            number: record.number.get(),
+            period_us: record.period_us.get(),
+            duration_us: record.duration_us.get(),
+            start_us: record.start_us.get(),
         }
     }
 }
 
-impl Container {
+impl From<&layout::Container> for Container {
     #[inline]
-    fn decode(record: &[u8; 16]) -> Self {
-        let &[
-            r0,
-            r1,
-            c0,
-            c1,
-            h0,
-            h1,
-            i0,
-            i1,
-            f0,
-            f1,
-            t0,
-            t1,
-            s0,
-            s1,
-            n0,
-            n1,
-        ] = record;
-        Container {
-            first_region: word(r0, r1),
-            flags: word(c0, c1),
-            channels: word(h0, h1),
-            first_instance: word(i0, i1),
-            flag_span: word(f0, f1),
-            task_span: word(t0, t1),
-            region_span: word(s0, s1),
-            instance_span: word(n0, n1),
+    fn from(record: &layout::Container) -> Self {
+        Self {
+            first_region: record.first_region.get(),
+            flags: record.flags.get(),
+            channels: record.channels.get(),
+            first_instance: record.first_instance.get(),
+            flag_span: record.flag_span.get(),
+            task_span: record.task_span.get(),
+            region_span: record.region_span.get(),
+            instance_span: record.instance_span.get(),
         }
     }
 }
 
-impl Region {
+impl From<&layout::Region> for Region {
     #[inline]
-    fn decode(record: &[u8; 4]) -> Self {
-        let &[s0, s1, c0, c1] = record;
-        Region {
-            first_state: word(s0, s1),
-            container: word(c0, c1),
+    fn from(record: &layout::Region) -> Self {
+        Self {
+            first_state: record.first_state.get(),
+            container: record.container.get(),
         }
     }
 }
 
 impl<'a> Task<'a> {
-    fn decode(record: &[u8; 20], texts: &'a [u8]) -> Self {
-        let &[
-            h0,
-            h1,
-            h2,
-            h3,
-            h4,
-            h5,
-            h6,
-            h7, //
-            s0,
-            s1,
-            n0,
-            n1,
-            x0,
-            x1,
-            d0,
-            d1,
-            f0,
-            f1,
-            p0,
-            p1,
-        ] = record;
-        let (start, length) = (word(s0, s1), word(n0, n1));
-        let text = texts.get(start..start + length).unwrap_or(&[]);
-        let exclusive = u16::from_le_bytes([x0, x1]);
-        Task {
-            signature: Signature::new(text),
-            signature_hash: u64::from_le_bytes([h0, h1, h2, h3, h4, h5, h6, h7]),
-            exclusive: (exclusive != format::NONE).then_some(exclusive),
+    fn of(record: &layout::Task, texts: &'a [u8]) -> Self {
+        let start = record.text_start.get();
+        let text = texts.get(start..start + record.text_length.get());
+        Self {
+            signature: Signature::new(text.unwrap_or(&[])),
+            signature_hash: record.signature_hash.get(),
+            exclusive: record.exclusive.index().map(|group| group as u16),
             ports: PortCounts {
-                data: word(d0, d1),
-                flags: word(f0, f1),
-                params: word(p0, p1),
+                data: record.data.get(),
+                flags: record.flags.get(),
+                params: record.params.get(),
             },
         }
     }
 }
 
 impl State {
-    /// Decodes a record; an unknown kind is `None`. The timeout is that of its record among the
-    /// timers.
-    fn decode(record: &[u8; 16], timeout_us: impl Fn(usize) -> Option<u32>) -> Option<Self> {
-        let &[
-            m0,
-            m1,
-            m2,
-            m3,
-            t0,
-            t1,
-            e0,
-            e1,
-            f0,
-            f1,
-            k0,
-            k1,
-            a0,
-            a1,
-            b0,
-            b1,
-        ] = record;
-        let shape = u16::from_le_bytes([k0, k1]);
-        let a = word(a0, a1);
+    /// The state of a record, if its kind is known, with the timeout that stands among the timers.
+    fn of(record: &layout::State, timeout_us: impl Fn(usize) -> Option<u32>) -> Option<Self> {
+        let shape = record.shape.get();
+        let a = record.a.get();
         let kind = match shape >> format::STATE_KIND_SHIFT {
             format::STATE_INITIAL => StateKind::Initial,
             format::STATE_FINAL => StateKind::Final,
@@ -486,38 +378,37 @@ impl State {
             _ => return None,
         };
         let has_timeout = shape & format::STATE_HAS_TIMEOUT != 0;
+        let timeout_us = has_timeout.then(|| timeout_us(record.b.get()));
         Some(Self {
-            events: u32::from_le_bytes([m0, m1, m2, m3]),
-            first_transition: word(t0, t1),
-            first_event_transition: word(e0, e1),
-            first_flag: word(f0, f1),
+            events: record.events.get(),
+            first_transition: record.first_transition.get(),
+            first_event_transition: record.first_event_transition.get(),
+            first_flag: record.first_flag.get(),
             flags: usize::from(shape & format::STATE_FLAGS_MASK),
             kind,
-            timeout_us: has_timeout.then(|| timeout_us(word(b0, b1))).flatten(),
+            timeout_us: timeout_us.flatten(),
         })
     }
 }
 
-impl Transition {
-    fn decode(record: &[u8; 8]) -> Self {
-        let &[e0, e1, t0, t1, g0, g1, a0, a1] = record;
-        let event = u16::from_le_bytes([e0, e1]);
+impl From<&layout::Transition> for Transition {
+    fn from(record: &layout::Transition) -> Self {
+        let event = record.event.get();
         Self {
             event: event & !format::TRANSITION_IS_PLAIN,
             is_plain: event & format::TRANSITION_IS_PLAIN != 0,
-            target: word(t0, t1),
-            guard: u16::from_le_bytes([g0, g1]),
-            action: u16::from_le_bytes([a0, a1]),
+            target: record.target.get(),
+            guard: record.guard.get(),
+            action: record.action.get(),
         }
     }
 }
 
 impl Code {
-    /// Decodes a record; an unknown operation is `None`.
-    fn decode(record: &[u8; 4]) -> Option<Self> {
-        let &[o0, o1, c0, c1] = record;
-        let operand = word(o0, o1);
-        let control = u16::from_le_bytes([c0, c1]);
+    /// The instruction of a record, if its operation is known.
+    fn of(record: &layout::Code) -> Option<Self> {
+        let operand = record.operand.get();
+        let control = record.control.get();
         let low = control & format::CODE_LOW_MASK;
         let jump = (low != 0).then_some(usize::from(low));
         let last = low != 0;
@@ -548,40 +439,60 @@ impl Code {
     }
 }
 
-impl RegionInstance {
-    fn decode(record: &[u8; 8]) -> Self {
-        let &[n0, n1, f0, f1, i0, i1, c0, c1] = record;
+impl From<&layout::RegionInstance> for RegionInstance {
+    fn from(record: &layout::RegionInstance) -> Self {
         Self {
-            next: word(n0, n1),
-            first_flag: word(f0, f1),
-            initial: word(i0, i1),
-            instance: word(c0, c1),
+            next: record.next.get(),
+            first_flag: record.first_flag.get(),
+            initial: record.initial.get(),
+            instance: record.instance.get(),
         }
     }
 }
 
-impl Instance {
-    fn decode(record: &[u8; 12]) -> Self {
-        let &[c0, c1, r0, r1, f0, f1, h0, h1, t0, t1, p0, p1] = record;
+impl From<&layout::Instance> for Instance {
+    fn from(record: &layout::Instance) -> Self {
         Self {
-            container: word(c0, c1),
-            first_region: word(r0, r1),
-            first_flag: word(f0, f1),
-            first_channel: word(h0, h1),
-            first_task: word(t0, t1),
-            around: word(p0, p1),
+            container: record.container.get(),
+            first_region: record.first_region.get(),
+            first_flag: record.first_flag.get(),
+            first_channel: record.first_channel.get(),
+            first_task: record.first_task.get(),
+            around: record.around.get(),
         }
     }
 }
 
-impl Channel {
-    fn decode(record: &[u8; 8]) -> Self {
-        let &[e0, e1, w0, w1, r0, r1, n0, n1] = record;
+impl From<&layout::Channel> for Channel {
+    fn from(record: &layout::Channel) -> Self {
         Self {
-            event: u16::from_le_bytes([e0, e1]),
-            first_row_word: word(w0, w1),
-            first_region_word: word(r0, r1),
-            region_words: word(n0, n1),
+            event: record.event.get(),
+            first_row_word: record.first_row_word.get(),
+            first_region_word: record.first_region_word.get(),
+            region_words: record.region_words.get(),
+        }
+    }
+}
+
+impl From<&layout::TaskState> for TaskState {
+    fn from(record: &layout::TaskState) -> Self {
+        Self {
+            task: record.task.get(),
+            slot: record.slot.index(),
+            first_param: record.first_param.get(),
+            state: record.state.get(),
+        }
+    }
+}
+
+impl From<&layout::TaskInstance> for TaskInstance {
+    fn from(record: &layout::TaskInstance) -> Self {
+        Self {
+            state: record.state.get(),
+            region: record.region.get(),
+            first_connection: record.first_connection.get(),
+            first_flag: record.first_flag.get(),
+            task_state: record.task_state.get(),
         }
     }
 }
@@ -607,39 +518,39 @@ impl<'a> Tables<'a> {
     }
 
     /// The bytes of a section.
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(crate) fn section(&self, section: Section) -> &'a [u8] {
-        self.bytes_from(Field::first_at(section as u8), 0)
-    }
-
-    /// The bytes of a section from a field of a record on; none where there is no such record.
-    // Inlined, it would be the largest part of the verifier.
+    // Inlined, it would be a large part of the verifier.
     #[inline(never)]
-    fn bytes_from(&self, field: Field, index: usize) -> &'a [u8] {
-        let section = field.section();
-        let (Some(&(start, records)), Some(&record_bytes)) =
-            (self.sections.get(section), RECORD_BYTES.get(section))
-        else {
-            return &[];
-        };
-        let record_bytes = usize::from(record_bytes);
+    pub(crate) fn section(&self, section: Section) -> &'a [u8] {
+        let (start, records) = self.sections[section as usize];
         let start = start as usize;
-        // Where more is passed over than there is, this begins behind its end, and nothing is left.
-        let from = start + index * record_bytes + field.offset();
-        let end = start + records as usize * record_bytes;
-        self.bytes.get(from..end).unwrap_or(&[])
+        let end = start + records as usize * record_bytes(section);
+        self.bytes.get(start..end).unwrap_or(&[])
     }
 
-    /// The records of a section; `N` is its [`record_bytes`].
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(crate) fn records<const N: usize>(&self, section: Section) -> &'a [[u8; N]] {
-        debug_assert_eq!(N, record_bytes(section));
-        self.section(section).as_chunks().0
+    /// The records of a section.
+    #[inline]
+    pub(crate) fn records<T: Record>(&self) -> &'a [T] {
+        // Nothing is left over in a section.
+        <[T]>::ref_from_prefix(self.section(T::SECTION)).map_or(&[], |(records, _)| records)
     }
 
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn record<const N: usize>(&self, section: Section, index: usize) -> Option<&'a [u8; N]> {
-        self.records(section).get(index)
+    /// A record.
+    #[inline]
+    pub(crate) fn record<T: Record>(&self, index: usize) -> Option<&'a T> {
+        let from = self.bytes_from(T::SECTION, index);
+        T::ref_from_prefix(from).ok().map(|(record, _)| record)
+    }
+
+    /// The bytes from a record on; none where there is no such record.
+    // Inlined, it would be a large part of the verifier.
+    #[inline(never)]
+    fn bytes_from(&self, section: Section, index: usize) -> &'a [u8] {
+        let (start, records) = self.sections[section as usize];
+        if index >= records as usize {
+            return &[];
+        }
+        let at = start as usize + index * record_bytes(section);
+        self.bytes.get(at..).unwrap_or(&[])
     }
 
     /// Number of records of a section.
@@ -649,89 +560,77 @@ impl<'a> Tables<'a> {
         records as usize
     }
 
-    /// Number of records of the section with this number; 0 if there is none.
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(crate) fn count_at(&self, section: u8) -> u32 {
-        let found = self.sections.get(usize::from(section));
-        found.map_or(0, |(_, records)| *records)
-    }
-
-    /// A 16-bit field of a record; outside the table the number that stands for none.
-    #[inline(never)]
-    pub(crate) fn word(&self, field: Field, index: usize) -> usize {
-        let word = self.bytes_from(field, index).first_chunk();
-        usize::from(word.map_or(format::NONE, |word| u16::from_le_bytes(*word)))
-    }
-
-    fn mission_word(&self, field: Field) -> usize {
-        self.word(field, 0)
+    /// The record of the mission. It is there in each blob that passed.
+    fn mission(&self) -> Option<&'a layout::Mission> {
+        self.record(0)
     }
 
     /// Events that the queue holds at most, 1 to 255.
     #[must_use]
     pub fn queue_capacity(&self) -> usize {
-        self.mission_word(layout::mission::QUEUE)
+        self.mission().map_or(0, |mission| mission.queue.get())
     }
 
     /// Index of the slot that runs the interpreter.
     #[must_use]
     pub fn interpreter_slot(&self) -> usize {
-        self.mission_word(layout::mission::INTERPRETER_SLOT)
+        self.mission()
+            .map_or(0, |mission| mission.interpreter_slot.get())
     }
 
     /// Number of events; their numbers start at 1, since 0 is the pulse.
     #[must_use]
     pub fn event_count(&self) -> usize {
-        self.mission_word(layout::mission::EVENTS)
+        self.mission().map_or(0, |mission| mission.events.get())
     }
 
     /// Bits of all flags.
     #[must_use]
     pub fn flag_count(&self) -> usize {
-        self.mission_word(layout::mission::FLAGS)
+        self.mission().map_or(0, |mission| mission.flags.get())
     }
 
     /// Number of `exclusive` groups.
     #[must_use]
     pub fn exclusive_group_count(&self) -> usize {
-        self.mission_word(layout::mission::EXCLUSIVE_GROUPS)
+        self.mission()
+            .map_or(0, |mission| mission.exclusive_groups.get())
     }
 
     /// The slots in the order of their declaration.
     pub fn slots(&self) -> impl ExactSizeIterator<Item = Slot> + use<'a> {
-        self.records(Section::Slots).iter().map(Slot::decode)
+        self.records::<layout::Slot>().iter().map(Slot::from)
     }
 
     /// One slot.
     #[must_use]
     pub fn slot(&self, index: usize) -> Option<Slot> {
-        self.record(Section::Slots, index).map(Slot::decode)
+        self.record::<layout::Slot>(index).map(Slot::from)
     }
 
     /// The containers in the order in which the instance tree first uses them; the machine is
     /// container 0.
     pub fn containers(&self) -> impl ExactSizeIterator<Item = Container> + use<'a> {
-        self.records(Section::Containers)
+        self.records::<layout::Container>()
             .iter()
-            .map(Container::decode)
+            .map(Container::from)
     }
 
     /// One container.
     #[must_use]
     pub fn container(&self, index: usize) -> Option<Container> {
-        self.record(Section::Containers, index)
-            .map(Container::decode)
+        self.record::<layout::Container>(index).map(Container::from)
     }
 
     /// The region templates, container by container.
     pub fn regions(&self) -> impl ExactSizeIterator<Item = Region> + use<'a> {
-        self.records(Section::Regions).iter().map(Region::decode)
+        self.records::<layout::Region>().iter().map(Region::from)
     }
 
     /// One region template.
     #[must_use]
     pub fn region(&self, index: usize) -> Option<Region> {
-        self.record(Section::Regions, index).map(Region::decode)
+        self.record::<layout::Region>(index).map(Region::from)
     }
 
     /// Number of states of all region templates, pseudo-states included.
@@ -743,23 +642,21 @@ impl<'a> Tables<'a> {
     /// One state.
     #[must_use]
     pub fn state(&self, index: usize) -> Option<State> {
-        let record = self.record(Section::States, index)?;
-        State::decode(record, |timer| self.timeout_us(timer))
+        State::of(self.record(index)?, |timer| self.timeout_us(timer))
     }
 
     /// A timeout, by its index among the timers.
     #[must_use]
     pub fn timeout_us(&self, timer: usize) -> Option<u32> {
-        let record = self.record(Section::Timers, timer)?;
-        Some(u32::from_le_bytes(*record))
+        let record: &layout::Timer = self.record(timer)?;
+        Some(record.timeout_us.get())
     }
 
     /// The region template that a state belongs to. Takes logarithmic time.
     #[must_use]
     pub fn region_of_state(&self, state: usize) -> usize {
-        let starts_by_then = |[s0, s1, ..]: &[u8; 4]| word(*s0, *s1) <= state;
-        self.records(Section::Regions)
-            .partition_point(starts_by_then)
+        self.records::<layout::Region>()
+            .partition_point(|region| region.first_state.get() <= state)
             .saturating_sub(1)
     }
 
@@ -772,19 +669,15 @@ impl<'a> Tables<'a> {
     /// One transition.
     #[must_use]
     pub fn transition(&self, index: usize) -> Option<Transition> {
-        self.record(Section::Transitions, index)
-            .map(Transition::decode)
+        self.record::<layout::Transition>(index)
+            .map(Transition::from)
     }
 
     /// The state that a transition leaves. Takes logarithmic time.
     #[must_use]
     pub fn source_of_transition(&self, transition: usize) -> usize {
-        let starts_by_then = |record: &[u8; 16]| {
-            let [_, _, _, _, t0, t1, ..] = *record;
-            word(t0, t1) <= transition
-        };
-        self.records(Section::States)
-            .partition_point(starts_by_then)
+        self.records::<layout::State>()
+            .partition_point(|state| state.first_transition.get() <= transition)
             .saturating_sub(1)
     }
 
@@ -800,10 +693,9 @@ impl<'a> Tables<'a> {
 
     /// One past the last transition out of a state, which is the first out of the next.
     pub(crate) fn transition_end(&self, state: usize) -> usize {
-        if state + 1 < self.count(Section::States) {
-            self.word(layout::state::FIRST_TRANSITION, state + 1)
-        } else {
-            self.count(Section::Transitions)
+        match self.record::<layout::State>(state + 1) {
+            Some(next) => next.first_transition.get(),
+            None => self.transition_count(),
         }
     }
 
@@ -816,7 +708,7 @@ impl<'a> Tables<'a> {
     /// One instruction.
     #[must_use]
     pub fn code(&self, index: usize) -> Option<Code> {
-        self.record(Section::Code, index).and_then(Code::decode)
+        self.record(index).and_then(Code::of)
     }
 
     /// The guard of a transition; none where it is written in a way that means nothing.
@@ -840,10 +732,10 @@ impl<'a> Tables<'a> {
             Some(Guard::Program { first })
         } else {
             let record = usize::from(guard - format::GUARD_MASK);
-            let &[m0, m1, v0, v1] = self.record(Section::Code, record)?;
+            let record: &layout::Mask = self.record(record)?;
             Some(Guard::Mask {
-                mask: u16::from_le_bytes([m0, m1]),
-                value: u16::from_le_bytes([v0, v1]),
+                mask: record.mask.get(),
+                value: record.value.get(),
             })
         }
     }
@@ -894,7 +786,7 @@ impl<'a> Tables<'a> {
     /// One container instance.
     #[must_use]
     pub fn instance(&self, index: usize) -> Option<Instance> {
-        self.record(Section::Instances, index).map(Instance::decode)
+        self.record::<layout::Instance>(index).map(Instance::from)
     }
 
     /// The superstate that a container instance is inside of: region instance and state; none for
@@ -947,8 +839,8 @@ impl<'a> Tables<'a> {
     /// One region instance.
     #[must_use]
     pub fn region_instance(&self, index: usize) -> Option<RegionInstance> {
-        self.record(Section::RegionInstances, index)
-            .map(RegionInstance::decode)
+        self.record::<layout::RegionInstance>(index)
+            .map(RegionInstance::from)
     }
 
     /// Number of channels.
@@ -960,7 +852,7 @@ impl<'a> Tables<'a> {
     /// One channel.
     #[must_use]
     pub fn channel(&self, index: usize) -> Option<Channel> {
-        self.record(Section::Channels, index).map(Channel::decode)
+        self.record::<layout::Channel>(index).map(Channel::from)
     }
 
     /// Whether a region instance listens to what is sent on `channel`: whether the event is visible
@@ -972,26 +864,22 @@ impl<'a> Tables<'a> {
         if offset >= channel.region_words {
             return false;
         }
-        let row = self.records::<4>(Section::Listeners);
-        row.get(channel.first_row_word + offset)
-            .is_some_and(|word| {
-                u32::from_le_bytes(*word) << (region_instance % WORD_BITS) >> 31 != 0
-            })
+        self.record::<layout::Listener>(channel.first_row_word + offset)
+            .is_some_and(|word| word.regions.get() << (region_instance % WORD_BITS) >> 31 != 0)
     }
 
     /// The tasks that the mission uses.
     pub fn tasks(&self) -> impl ExactSizeIterator<Item = Task<'a>> + use<'a> {
         let texts = self.section(Section::Signatures);
-        let records = self.records(Section::Tasks).iter();
-        records.map(move |record| Task::decode(record, texts))
+        let records = self.records::<layout::Task>().iter();
+        records.map(move |record| Task::of(record, texts))
     }
 
     /// One task.
     #[must_use]
     pub fn task(&self, index: usize) -> Option<Task<'a>> {
         let texts = self.section(Section::Signatures);
-        let record = self.record(Section::Tasks, index)?;
-        Some(Task::decode(record, texts))
+        Some(Task::of(self.record(index)?, texts))
     }
 
     /// Number of task states of all container templates.
@@ -1003,29 +891,23 @@ impl<'a> Tables<'a> {
     /// One task state.
     #[must_use]
     pub fn task_state(&self, index: usize) -> Option<TaskState> {
-        let [t0, t1, s0, s1, p0, p1, l0, l1] = *self.record(Section::TaskStates, index)?;
-        let slot = u16::from_le_bytes([s0, s1]);
-        Some(TaskState {
-            task: word(t0, t1),
-            slot: (slot != format::NONE).then_some(usize::from(slot)),
-            first_param: word(p0, p1),
-            state: word(l0, l1),
-        })
+        self.record::<layout::TaskState>(index).map(TaskState::from)
     }
 
     /// The record of a task state, by the state. Takes logarithmic time.
     #[must_use]
     pub fn task_state_at(&self, state: usize) -> Option<usize> {
-        let records = self.records::<8>(Section::TaskStates);
-        let state_of = |[.., low, high]: &[u8; 8]| word(*low, *high);
-        records.binary_search_by_key(&state, state_of).ok()
+        let records = self.records::<layout::TaskState>();
+        records
+            .binary_search_by_key(&state, |record| record.state.get())
+            .ok()
     }
 
     /// The 32 bits of a parameter value: of an `i32`, `u32` or `f32` its own, of a `bool` 0 or 1.
     #[must_use]
     pub fn param(&self, index: usize) -> Option<u32> {
-        self.record(Section::Params, index)
-            .map(|record| u32::from_le_bytes(*record))
+        let record: &layout::Param = self.record(index)?;
+        Some(record.value.get())
     }
 
     /// Number of task instances.
@@ -1037,15 +919,8 @@ impl<'a> Tables<'a> {
     /// One task instance.
     #[must_use]
     pub fn task_instance(&self, index: usize) -> Option<TaskInstance> {
-        let [s0, s1, r0, r1, c0, c1, f0, f1, t0, t1] =
-            *self.record(Section::TaskInstances, index)?;
-        Some(TaskInstance {
-            state: word(s0, s1),
-            region: word(r0, r1),
-            first_connection: word(c0, c1),
-            first_flag: word(f0, f1),
-            task_state: word(t0, t1),
-        })
+        self.record::<layout::TaskInstance>(index)
+            .map(TaskInstance::from)
     }
 
     /// The template that a task instance is made of: its task, slot and parameters.
@@ -1058,42 +933,40 @@ impl<'a> Tables<'a> {
     /// of the signature), and its length.
     #[must_use]
     pub fn flags_of_task(&self, task_instance: usize) -> Option<(usize, usize)> {
-        let instance = self.task_instance(task_instance)?;
-        let shape = self.word(layout::state::SHAPE, instance.state) as u16;
-        let flags = usize::from(shape & format::STATE_FLAGS_MASK);
-        Some((instance.first_flag, flags))
+        let instance: &layout::TaskInstance = self.record(task_instance)?;
+        let state: &layout::State = self.record(instance.state.get())?;
+        let flags = state.shape.get() & format::STATE_FLAGS_MASK;
+        Some((instance.first_flag.get(), usize::from(flags)))
     }
 
     /// Where what belongs to a task instance stands.
     #[must_use]
     pub fn task_places(&self, task_instance: usize) -> Option<TaskPlaces> {
-        let instance = self.task_instance(task_instance)?;
-        let shape = self.word(layout::state::SHAPE, instance.state) as u16;
+        let instance: &layout::TaskInstance = self.record(task_instance)?;
+        let state: &layout::State = self.record(instance.state.get())?;
+        let task_state: &layout::TaskState = self.record(instance.task_state.get())?;
         Some(TaskPlaces {
-            first_flag: instance.first_flag as u16,
-            flags: shape & format::STATE_FLAGS_MASK,
-            first_param: self.word(layout::task_state::FIRST_PARAM, instance.task_state) as u16,
-            first_connection: instance.first_connection as u16,
-            region: instance.region as u16,
+            first_flag: instance.first_flag.get() as u16,
+            flags: state.shape.get() & format::STATE_FLAGS_MASK,
+            first_param: task_state.first_param.get() as u16,
+            first_connection: instance.first_connection.get() as u16,
+            region: instance.region.get() as u16,
         })
     }
 
     /// The nets of a task's data ports, by their place in the signature; see
     /// [`TaskPlaces::first_connection`].
     pub fn nets_from(&self, first_connection: u16) -> impl Fn(usize) -> Option<usize> + use<'a> {
-        let records = self.records(Section::Connections);
+        let records = self.records::<layout::Connection>();
         let records = records.get(usize::from(first_connection)..).unwrap_or(&[]);
-        move |port| {
-            let net = u16::from_le_bytes(*records.get(port)?);
-            (net != format::NONE).then_some(usize::from(net))
-        }
+        move |port| records.get(port)?.net.index()
     }
 
     /// The values of parameters, from this one on; see [`Self::param`].
     pub fn params_from(&self, first_param: u16) -> impl Iterator<Item = u32> + use<'a> {
-        let records = self.records(Section::Params);
+        let records = self.records::<layout::Param>();
         let records = records.get(usize::from(first_param)..).unwrap_or(&[]);
-        records.iter().map(|record| u32::from_le_bytes(*record))
+        records.iter().map(|record| record.value.get())
     }
 
     /// First bit of the flag block of a state in a region instance, and its length.
@@ -1108,8 +981,8 @@ impl<'a> Tables<'a> {
     /// open.
     #[must_use]
     pub fn connection(&self, index: usize) -> Option<Option<usize>> {
-        let net = u16::from_le_bytes(*self.record(Section::Connections, index)?);
-        Some((net != format::NONE).then_some(usize::from(net)))
+        let record: &layout::Connection = self.record(index)?;
+        Some(record.net.index())
     }
 
     /// Number of nets.
@@ -1121,9 +994,9 @@ impl<'a> Tables<'a> {
     /// One net.
     #[must_use]
     pub fn net(&self, index: usize) -> Option<Net> {
-        let record = self.record(Section::Nets, index)?;
+        let record: &layout::Net = self.record(index)?;
         Some(Net {
-            type_hash: u64::from_le_bytes(*record),
+            type_hash: record.type_hash.get(),
         })
     }
 

@@ -7,9 +7,9 @@
 //! less flash. Host tools, which have no tasks to compare with, call [`check`] instead.
 
 use crate::format::Section;
+use crate::refusal::{Cause, Refusal};
 use crate::signature::{Port, fnv1a, is_identifier_part};
 use crate::tables::Tables;
-use crate::verify::{Cause, Refusal};
 
 /// Checks the texts of a verified blob: signatures are well formed, with the hash and the counts
 /// that the blob gives them; ports on one net have one type; and a name table, where there is one,

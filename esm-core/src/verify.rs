@@ -14,9 +14,10 @@
 //! record at a time. Time grows with the number of state instances, which is bounded, and with the
 //! square of the number of slots, which is, too; the depth of the stack is constant.
 //!
-//! Most of it stands in tables of rules, in `rules.rs`: what must be equal or below, where a record
-//! is, which list applies to which part. Here is what applies them, and the few steps that take
-//! numbers apart.
+//! [`check`] below is the table of contents. Each step has a function; it reads records where they
+//! lie, by the structs of [`crate::layout`], and the first rule that does not hold ends it. `tree`
+//! has instances and templates, `transitions` and `code` what templates hold, `slots` the schedule.
+//! No function calls itself.
 //!
 //! # What stands when a blob has passed
 //!
@@ -61,92 +62,25 @@
 //!
 //! Texts are not looked at: see [`crate::texts`].
 
+mod code;
+mod finding;
+mod pass;
+mod slots;
+mod transitions;
+mod tree;
+
 use core::ops::Deref;
 
-use serde::{Deserialize, Serialize};
-
-use crate::arena::ArenaLayout;
 use crate::buffer::{BlobBuffer, BlobReader};
 use crate::format::{self, Section};
-use crate::layout::Field;
-use crate::rules::{self, List, Value, rule};
+use crate::layout::{
+    Channel, Connection, Container, Listener, Mission, Task, TaskInstance, TaskState, record_bytes,
+};
+use crate::refusal::{Cause, Refusal};
 use crate::tables::{self, Tables};
 
-/// Why a blob is refused. It must be built again, or sent again; none of these can be put right on
-/// the robot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Refusal {
-    /// It does not begin as a blob of this format's version does.
-    Magic,
-    /// It ends too early, or lengths in it are wrong.
-    Cut,
-    /// There are bytes between its last section and the CRC.
-    TrailingBytes,
-    /// Its bytes changed on the way.
-    Checksum {
-        /// What the blob says.
-        stored: u32,
-        /// What its bytes give.
-        computed: u32,
-    },
-    /// The length of a section is no multiple of its record's, or more than indices can reach.
-    SectionLength(Section),
-    /// A record is wrong.
-    Record {
-        /// Its table.
-        section: Section,
-        /// Its position in the table, or the table's length where records are missing.
-        index: u16,
-        /// What is wrong.
-        cause: Cause,
-    },
-}
-
-/// What is wrong with a record.
-// From 1, so that "nothing is wrong" is 0, for which cores have shorter instructions.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[repr(u8)]
-pub enum Cause {
-    /// An index points outside of what it may point to.
-    Index = 1,
-    /// A part does not begin where the one before it ended, or parts are missing or left over.
-    Order,
-    /// A number is outside its range.
-    Range,
-    /// A kind or an operation is unknown, or not allowed there.
-    Kind,
-    /// A jump does not go ahead, or goes too far.
-    Direction,
-    /// A record of the instance tree is not what its template makes of it.
-    Template,
-    /// A text is malformed, or its hash or its counts differ; told by
-    /// [`texts::check`](crate::texts::check) alone.
-    Text,
-    /// A port's type is not that of its net; told by [`texts::check`](crate::texts::check) alone.
-    Type,
-    /// Two slots overlap, or have the same number.
-    Overlap,
-}
-
-impl Cause {
-    /// The cause with a number.
-    // Spelt out it is no code at all, where a table would have to be looked up.
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn with_number(number: u8) -> Option<Self> {
-        Some(match number {
-            1 => Self::Index,
-            2 => Self::Order,
-            3 => Self::Range,
-            4 => Self::Kind,
-            5 => Self::Direction,
-            6 => Self::Template,
-            7 => Self::Text,
-            8 => Self::Type,
-            9 => Self::Overlap,
-            _ => return None,
-        })
-    }
-}
+use finding::Finding;
+use pass::Pass;
 
 /// Where the sections of a blob are, and what was worked out on the way.
 #[derive(Clone, Copy, Debug)]
@@ -174,7 +108,7 @@ pub fn verify<B: Deref<Target = [u8]>>(bytes: B) -> Result<Verified<B>, (B, Refu
         sections: [(0, 0); _],
         crc: 0,
     };
-    match check(&bytes, &mut layout) {
+    match layout.read(&bytes) {
         Ok(()) => Ok(Verified { bytes, layout }),
         Err(refusal) => Err((bytes, refusal)),
     }
@@ -213,20 +147,6 @@ impl<B: Deref<Target = [u8]>> Verified<B> {
     pub fn hash(&self) -> u32 {
         self.layout.crc
     }
-
-    /// 32-bit words that [`Interpreter::new`](crate::Interpreter::new) needs: one and a half and
-    /// two bits for each region instance, a bit for each flag and each task instance, and half a
-    /// word for each place in the queue.
-    #[must_use]
-    pub fn arena_words(&self) -> usize {
-        ArenaLayout::of(&self.tables()).words()
-    }
-
-    /// [`Self::arena_words`] in bytes.
-    #[must_use]
-    pub fn ram_bytes(&self) -> usize {
-        self.arena_words() * size_of::<u32>()
-    }
 }
 
 impl<'m> Verified<BlobBuffer<'m>> {
@@ -258,9 +178,9 @@ impl Layout {
         }
         self.crc = stored;
         let mut at = format::MAGIC.len();
-        for (section, place) in self.sections.iter_mut().enumerate() {
+        for (section, place) in Section::ALL.into_iter().zip(&mut self.sections) {
             let length = format::read_varint(body, &mut at).ok_or(Refusal::Cut)?;
-            let record_bytes = tables::record_bytes_at(section);
+            let record_bytes = record_bytes(section) as u32;
             let records = length / record_bytes;
             *place = (at as u32, records);
             if body.len().wrapping_sub(at) < length as usize {
@@ -269,192 +189,149 @@ impl Layout {
             at += length as usize;
             // Before the first of them is looked at: the time that slots take grows with their
             // square.
-            let most = match section == Section::Slots as usize {
-                true => format::MAX_SLOTS,
-                false => format::NONE - 1,
+            let most = match section {
+                Section::Slots => format::MAX_SLOTS,
+                _ => format::NONE - 1,
             };
-            let too_many = record_bytes > 1 && records > u32::from(most);
-            if records * record_bytes != length || too_many {
-                return Err(Refusal::SectionLength(Section::with_number(section as u8)));
+            let is_too_long = record_bytes > 1 && records > u32::from(most);
+            if records * record_bytes != length || is_too_long {
+                return Err(Refusal::SectionLength(section));
             }
         }
         if at != body.len() {
             return Err(Refusal::TrailingBytes);
         }
+        check(self.tables(bytes)).map_err(Refusal::from)
+    }
+}
+
+/// Checks all tables.
+#[inline(never)]
+fn check(tables: Tables<'_>) -> Result<(), Finding> {
+    let mut pass = Pass::of(tables);
+    let mission = pass.check_mission()?;
+    slots::check(tables.records(), mission.interpreter_slot.get())?;
+    pass.check_instances(mission)?;
+    pass.check_channels(mission)?;
+    pass.check_tasks(mission)?;
+    pass.check_task_instances()?;
+    pass.check_connections()?;
+    pass.check_ends()
+}
+
+/// Tables of which each record must have been come to. Of the others each was checked by itself, or
+/// any number may be.
+const WHOLE: [Section; 14] = [
+    Section::Containers,
+    Section::Regions,
+    Section::States,
+    Section::Transitions,
+    Section::Code,
+    Section::Timers,
+    Section::Instances,
+    Section::RegionInstances,
+    Section::Channels,
+    Section::Signatures,
+    Section::TaskStates,
+    Section::Params,
+    Section::TaskInstances,
+    Section::Connections,
+];
+
+impl<'a> Pass<'a> {
+    /// Checks the numbers of the mission. There is one record.
+    fn check_mission(&mut self) -> Result<&'a Mission, Finding> {
+        if self.tables.count(Section::Mission) != 1 {
+            return Err(Finding::new(Section::Mission, 1, Cause::Order));
+        }
+        let mission = self.entry::<Mission>(0, Cause::Order)?;
+        let is_in_range = (1..=format::MAX_QUEUE).contains(&mission.queue.get())
+            && mission.events.get() <= format::MAX_EVENT.into();
+        mission.ensure(is_in_range, Cause::Range)?;
+        let has_slot = mission.interpreter_slot.get() < self.tables.count(Section::Slots);
+        mission.ensure(has_slot, Cause::Index)?;
+        // What the machine takes is all there is.
+        let machine = self.entry::<Container>(0, Cause::Template)?;
+        machine.ensure(mission.flags == machine.flag_span, Cause::Template)?;
+        self.checked[Section::Instances] = machine.instance_span.get();
+        self.checked[Section::RegionInstances] = machine.region_span.get();
+        self.checked[Section::TaskInstances] = machine.task_span.get();
+        Ok(mission.record)
+    }
+
+    /// Checks channels: their events exist, and the words that their rows have.
+    fn check_channels(&self, mission: &Mission) -> Result<(), Finding> {
+        const WORD_BITS: usize = u32::BITS as usize;
+        let regions = self.tables.count(Section::RegionInstances);
+        let words = self.tables.count(Section::Listeners);
+        for index in self.numbers(Section::Channels) {
+            let channel = self.entry::<Channel>(index, Cause::Order)?;
+            let event = usize::from(channel.event.get());
+            let row_words = channel.region_words.get();
+            let end = channel.first_region_word.get() + row_words;
+            let row_end = channel.first_row_word.get() + row_words;
+            let exists = event != format::PULSE.into()
+                && event <= mission.events.get()
+                && end <= regions.div_ceil(WORD_BITS)
+                && row_end <= words;
+            channel.ensure(exists, Cause::Index)?;
+            // No bit of a row stands for what is behind the last region instance.
+            if row_words != 0 && end > regions / WORD_BITS {
+                let last = self.entry::<Listener>(row_end - 1, Cause::Range)?;
+                let is_clear = last.regions.get() << (regions % WORD_BITS) == 0;
+                last.ensure(is_clear, Cause::Range)?;
+            }
+        }
         Ok(())
     }
-}
 
-/// The whole check.
-#[inline(never)]
-fn check(bytes: &[u8], layout: &mut Layout) -> Result<(), Refusal> {
-    layout.read(bytes)?;
-    let mut pass = Pass {
-        section: Section::Mission as u8,
-        index: 0,
-        wrong: 0,
-        values: [0; _],
-        tables: layout.tables(bytes),
-    };
-    pass.check();
-    match Cause::with_number(pass.wrong) {
-        Some(cause) => Err(Refusal::Record {
-            section: Section::with_number(pass.section),
-            index: pass.index as u16,
-            cause,
-        }),
-        None => Ok(()),
-    }
-}
-
-/// The pass. The record under test is the one that was read last. After the first thing that is
-/// wrong nothing is read, and the pass goes on as far as the next loop: so most checks need no way
-/// out.
-// In this order the values are at its own address, which is what most lines need.
-#[repr(C)]
-struct Pass<'a> {
-    /// What the [rules] speak of.
-    values: [u32; rules::VALUES],
-    section: u8,
-    index: u32,
-    /// Number of the [`Cause`]; 0 as long as nothing is wrong.
-    wrong: u8,
-    tables: Tables<'a>,
-}
-
-impl Pass<'_> {
-    fn check(&mut self) {
-        for section in 0..Section::ALL.len() as u8 {
-            self.set(rules::COUNT + section, self.tables.count_at(section));
+    /// Checks tasks: their texts stand one behind the other, and their groups exist.
+    fn check_tasks(&mut self, mission: &Mission) -> Result<(), Finding> {
+        let groups = mission.exclusive_groups.get();
+        for index in self.numbers(Section::Tasks) {
+            let task = self.entry::<Task>(index, Cause::Order)?;
+            let in_order = task.text_start.get() == self.checked[Section::Signatures];
+            task.ensure(in_order, Cause::Order)?;
+            self.checked[Section::Signatures] += task.text_length.get();
+            let exists = task.exclusive.index().is_none_or(|group| group < groups);
+            task.ensure(exists, Cause::Range)?;
         }
-        self.set(
-            rules::MAX_STATE_INSTANCES,
-            format::MAX_STATE_INSTANCES as u32,
-        );
-        self.set(rules::MAX_TIME, format::MAX_TIME_US);
-        self.apply(List::Mission as u8);
-        // Nothing is missing or left over.
-        for section in 0..Section::ALL.len() as u8 {
-            let seen = self.get(rules::SEEN + section);
-            if self.wrong == 0 && seen != self.get(rules::COUNT + section) {
-                self.section = section;
-                self.index = seen;
-                self.wrong = Cause::Order as u8;
+        Ok(())
+    }
+
+    /// Checks that task instances have their connections one behind the other, as many as their
+    /// tasks have data ports.
+    fn check_task_instances(&mut self) -> Result<(), Finding> {
+        for index in self.numbers(Section::TaskInstances) {
+            let instance = self.entry::<TaskInstance>(index, Cause::Order)?;
+            let first = instance.first_connection.get();
+            instance.ensure(first == self.checked[Section::Connections], Cause::Order)?;
+            let task_state = self.tables.record::<TaskState>(instance.task_state.get());
+            let task = task_state.and_then(|it| self.tables.record::<Task>(it.task.get()));
+            self.checked[Section::Connections] += task.map_or(0, |task| task.data.get());
+        }
+        Ok(())
+    }
+
+    /// Checks that connections lead to nets.
+    fn check_connections(&self) -> Result<(), Finding> {
+        let nets = self.tables.count(Section::Nets);
+        for index in self.numbers(Section::Connections) {
+            let connection = self.entry::<Connection>(index, Cause::Order)?;
+            let exists = connection.net.index().is_none_or(|net| net < nets);
+            connection.ensure(exists, Cause::Index)?;
+        }
+        Ok(())
+    }
+
+    /// Checks that nothing is missing or left over.
+    fn check_ends(&self) -> Result<(), Finding> {
+        for section in WHOLE {
+            let checked = self.checked[section];
+            if checked != self.tables.count(section) {
+                return Err(Finding::new(section, checked, Cause::Order));
             }
         }
-    }
-
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn get(&self, value: Value) -> u32 {
-        self.values[usize::from(value) % rules::VALUES]
-    }
-
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn set(&mut self, value: Value, to: u32) {
-        self.values[usize::from(value) % rules::VALUES] = to;
-    }
-
-    /// Applies the rules of a list one after another, up to the first that is not kept.
-    #[inline(never)]
-    fn apply(&mut self, list: u8) {
-        let mut at = usize::from(list) * rules::LIST_ALIGNMENT;
-        while self.wrong == 0
-            && let Some(&[what, left, a, b]) = rules::PACKED.get(at..).and_then(<[u8]>::first_chunk)
-        {
-            let is_long = left / rules::LONG;
-            let this = at;
-            let next = at + rules::SHORT_BYTES + usize::from(is_long);
-            // The byte behind a short line is the next one's.
-            let to = left % rules::LONG;
-            let b = b * is_long;
-            let passed_over = usize::from(what >> rule::PASSED_SHIFT) + usize::from(b);
-            let left = self.get(to);
-            let first = self.get(a);
-            let second = self.get(b);
-            let sum = first.wrapping_add(second);
-            let is_kept = match what & rule::WHAT_MASK {
-                rule::END => {
-                    if what != rule::AND {
-                        return;
-                    }
-                    self.set(to, left & first);
-                    true
-                }
-                rule::IS => left == sum,
-                rule::BELOW => left < sum,
-                rule::AT_MOST => left <= sum,
-                other => {
-                    at = next;
-                    match other {
-                        rule::LET => self.set(to, sum),
-                        rule::SUBTRACT => self.set(to, first.wrapping_sub(second)),
-                        rule::REMAINDER => self.set(to, first.checked_rem(second).unwrap_or(0)),
-                        rule::SPLIT => {
-                            let upper = first.wrapping_shr(u32::from(b));
-                            self.set(to, upper);
-                            self.set(to + 1, first - upper.wrapping_shl(u32::from(b)));
-                        }
-                        rule::BIT => self.set(to, left | 1_u32.wrapping_shl(first)),
-                        rule::NUMBER => self.set(to, u32::from(u16::from_le_bytes([a, b]))),
-                        rule::READ => self.read(to, first, b),
-                        rule::GIVEN => {
-                            if left != first {
-                                at += passed_over;
-                            }
-                        }
-                        rule::GIVEN_BELOW => {
-                            if left >= first {
-                                at += passed_over;
-                            }
-                        }
-                        rule::WHILE => {
-                            if left < first {
-                                at = this;
-                                self.apply(b);
-                            }
-                        }
-                        rule::APPLY => {
-                            if left == first {
-                                self.apply(b);
-                            }
-                        }
-                        // The rest is one.
-                        _ => self.set(to, left.wrapping_add(first)),
-                    }
-                    continue;
-                }
-            };
-            at = next;
-            if !is_kept {
-                self.wrong = what >> rule::CAUSE_SHIFT;
-            }
-        }
-    }
-
-    /// Puts a record under test; its words are the values from `to` on, and outside the table those
-    /// that stand for none. Of sections that have 32-bit numbers only, each of these is the value
-    /// that its low word would be.
-    #[inline(never)]
-    fn read(&mut self, section: u8, index: u32, to: Value) {
-        /// Sections with 32-bit numbers only.
-        const WIDE: u32 =
-            1 << Section::Slots as u8 | 1 << Section::Timers as u8 | 1 << Section::Listeners as u8;
-        if self.wrong != 0 {
-            return;
-        }
-        self.section = section;
-        self.index = index;
-        let mut field = Field::first_at(section);
-        let is_wide = WIDE.wrapping_shr(u32::from(section)) & 1;
-        for number in 0..tables::record_words(section) {
-            let mut word = self.tables.word(field, index as usize) as u32;
-            field = field.next();
-            let mut place = to + number;
-            if u32::from(number) & is_wide != 0 {
-                place -= 1;
-                word = word << u16::BITS | self.get(place);
-            }
-            self.set(place, word);
-        }
+        Ok(())
     }
 }

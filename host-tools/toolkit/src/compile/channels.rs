@@ -3,6 +3,8 @@
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
+use esm_core::layout::{Channel, Listener, Short};
+
 use super::instances::Tree;
 use super::layout::Layout;
 use super::{Capacity, CompileError, MAX_RECORDS, Table, within};
@@ -77,7 +79,12 @@ pub(super) fn write(model: &Model, layout: &Layout, tree: &Tree) -> Result<Chann
         for event in &layout.containers[instance.container].sent {
             let row = visibility.row(index, *event)?;
             let number = layout.event_numbers.get(event).copied().unwrap_or(0);
-            channels.words([number, row.first_word, row.first_region_word, row.words]);
+            channels.push(Channel {
+                event: (number as u16).into(),
+                first_row_word: Short::new(row.first_word),
+                first_region_word: Short::new(row.first_region_word),
+                region_words: Short::new(row.words),
+            });
         }
     }
     Ok(Channels {
@@ -168,7 +175,11 @@ impl Visibility<'_> {
             Some(place) => *place,
             None => {
                 within(Capacity::ListenerWords, next + count, MAX_RECORDS)?;
-                words.iter().for_each(|word| self.listeners.longs([*word]));
+                for word in &words {
+                    self.listeners.push(Listener {
+                        regions: (*word).into(),
+                    });
+                }
                 self.places.insert(words, next);
                 next
             }

@@ -24,6 +24,7 @@ use esm_core::format::{
     GUARD_IF_CLEAR, GUARD_MASK, GUARD_PROGRAM, GUARD_TRUE, MAX_CODE, MAX_JUMP, TASK_CONTROL_FLAGS,
     WINDOW_FLAGS,
 };
+use esm_core::layout::{Code, Mask, Short};
 
 use super::layout::{ContainerLayout, StateLayout};
 use super::{Capacity, CompileError, Table, within};
@@ -213,9 +214,6 @@ impl Tests<'_> {
     }
 }
 
-/// Bytes of a code record.
-const CODE_BYTES: usize = 4;
-
 /// Appends the code of a transition's guard, if it needs any. Returns the guard as the transition
 /// names it.
 pub(super) fn append_guard(
@@ -237,7 +235,10 @@ pub(super) fn append_guard(
             Ok(GUARD_IF_CLEAR + clear.trailing_zeros() as u16)
         }
         Some(Conjunction { set, clear }) => {
-            code.words([usize::from(set | clear), usize::from(set)]);
+            code.push(Mask {
+                mask: (set | clear).into(),
+                value: set.into(),
+            });
             number(code, transition, GUARD_MASK, start)
         }
         None => {
@@ -319,7 +320,7 @@ pub(super) fn append_actions(
 }
 
 fn records(code: &Table) -> usize {
-    code.bytes.len() / CODE_BYTES
+    code.bytes.len() / size_of::<Code>()
 }
 
 /// The number of what begins at a code record, after the last record of it was written.
@@ -335,5 +336,8 @@ fn number(
 
 fn append_instruction(code: &mut Table, operand: usize, operation: u16, low: usize) {
     let control = usize::from(operation) << CODE_OPERATION_SHIFT | low;
-    code.words([operand, control]);
+    code.push(Code {
+        operand: Short::new(operand),
+        control: (control as u16).into(),
+    });
 }

@@ -1,5 +1,7 @@
 //! The instance tree: every container instance with its regions, numbered depth first.
 
+use esm_core::layout::{self as records, Short};
+
 use super::layout::Layout;
 use super::{Capacity, CompileError, MAX_RECORDS, Table, within};
 use crate::model::{Model, StateKind};
@@ -147,23 +149,23 @@ impl Tree {
     pub(super) fn write(&self) -> InstanceTables {
         let mut tables = InstanceTables::default();
         for instance in &self.instances {
-            tables.instances.words([
-                instance.container,
-                instance.regions.first().copied().unwrap_or(0),
-                instance.first_flag,
-                instance.first_channel,
-                instance.first_task,
-                instance.around_region,
-            ]);
+            tables.instances.push(records::Instance {
+                container: Short::new(instance.container),
+                first_region: Short::new(instance.regions.first().copied().unwrap_or(0)),
+                first_flag: Short::new(instance.first_flag),
+                first_channel: Short::new(instance.first_channel),
+                first_task: Short::new(instance.first_task),
+                around: Short::new(instance.around_region),
+            });
         }
         for region in &self.regions {
             let first_flag = self.instances[region.instance].first_flag;
-            tables.region_instances.words([
-                region.next,
-                first_flag,
-                region.initial,
-                region.instance,
-            ]);
+            tables.region_instances.push(records::RegionInstance {
+                next: Short::new(region.next),
+                first_flag: Short::new(first_flag),
+                initial: Short::new(region.initial),
+                instance: Short::new(region.instance),
+            });
         }
         tables
     }

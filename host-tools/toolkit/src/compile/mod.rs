@@ -24,6 +24,7 @@ pub mod test_models;
 mod tests;
 
 use esm_core::format::{self, Envelope, MAX_SLOTS, Section};
+use esm_core::layout::{Mission, Record, Short, Slot};
 use esm_core::{Cause, Refusal};
 
 use crate::model::{Container, Model, Span};
@@ -200,25 +201,22 @@ impl CompileError {
     }
 }
 
-/// A table in the making: little-endian fields, one after another.
+/// A table in the making: records, one after another.
 #[derive(Default)]
 struct Table {
     bytes: Vec<u8>,
 }
 
 impl Table {
-    /// Appends 16-bit fields. Their values are within the limits that were checked before.
-    fn words<const N: usize>(&mut self, fields: [usize; N]) {
-        for field in fields {
-            self.bytes.extend_from_slice(&(field as u16).to_le_bytes());
-        }
+    /// Appends a record. Its numbers are within the limits that were checked before.
+    fn push(&mut self, record: impl Record) {
+        self.bytes.extend_from_slice(record.as_bytes());
     }
 
-    /// Appends 32-bit fields.
-    fn longs<const N: usize>(&mut self, fields: [u32; N]) {
-        for field in fields {
-            self.bytes.extend_from_slice(&field.to_le_bytes());
-        }
+    /// The record that was appended last.
+    fn last_mut<R: Record>(&mut self) -> Option<&mut R> {
+        let found = R::mut_from_suffix(&mut self.bytes).ok();
+        found.map(|(_, record)| record)
     }
 }
 
@@ -280,7 +278,12 @@ pub fn compile_with(
     })?;
     let mut slots = Table::default();
     for (slot, start_us) in model.slots.iter().zip(starts_us) {
-        slots.longs([slot.number, slot.period_us, slot.duration_us, *start_us]);
+        slots.push(Slot {
+            number: slot.number.into(),
+            period_us: slot.period_us.into(),
+            duration_us: slot.duration_us.into(),
+            start_us: (*start_us).into(),
+        });
     }
 
     let layout = layout::Layout::of(model, machine)?;
@@ -295,13 +298,13 @@ pub fn compile_with(
     let instances = tree.write();
 
     let mut mission = Table::default();
-    mission.words([
-        usize::from(model.queue),
-        interpreter_slot,
-        layout.events.len(),
-        layout.root().spans.flags,
-        templates.groups.len(),
-    ]);
+    mission.push(Mission {
+        queue: Short::new(model.queue.into()),
+        interpreter_slot: Short::new(interpreter_slot),
+        events: Short::new(layout.events.len()),
+        flags: Short::new(layout.root().spans.flags),
+        exclusive_groups: Short::new(templates.groups.len()),
+    });
     let envelope = Envelope {
         mission: &mission.bytes,
         slots: &slots.bytes,

@@ -2,6 +2,7 @@
 //! instance of a container, and joined with the net outside where a path leads to a container port.
 
 use esm_core::format::NONE;
+use esm_core::layout::{Connection, Net, Short, TaskInstance};
 use esm_core::signature::fnv1a;
 
 use super::instances::Tree;
@@ -46,26 +47,30 @@ pub(super) fn write(
     let mut nets = 0;
     let mut connections = 0;
     for (instance, first) in tree.tasks.iter().zip(ports.of_tasks.clone()) {
-        tables.task_instances.words([
-            instance.state,
-            instance.region,
-            connections,
-            instance.first_flag,
-            templates.task_state_numbers[&instance.state],
-        ]);
+        tables.task_instances.push(TaskInstance {
+            state: Short::new(instance.state),
+            region: Short::new(instance.region),
+            first_connection: Short::new(connections),
+            first_flag: Short::new(instance.first_flag),
+            task_state: Short::new(templates.task_state_numbers[&instance.state]),
+        });
         for (offset, port) in model.tasks[instance.task].data.iter().enumerate() {
             let net = if ports.on_path[first + offset] {
                 let representative = ports.find(first + offset);
                 *net_of[representative].get_or_insert_with(|| {
                     let hash = fnv1a(port.type_name.as_bytes());
-                    tables.nets.longs([hash as u32, (hash >> u32::BITS) as u32]);
+                    tables.nets.push(Net {
+                        type_hash: hash.into(),
+                    });
                     nets += 1;
                     nets - 1
                 })
             } else {
                 usize::from(NONE)
             };
-            tables.connections.words([net]);
+            tables.connections.push(Connection {
+                net: Short::new(net),
+            });
             connections += 1;
         }
         within(Capacity::Ports, connections, MAX_RECORDS)?;

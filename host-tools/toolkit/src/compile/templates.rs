@@ -7,6 +7,7 @@ use esm_core::format::{
     STATE_FINAL, STATE_HAS_TIMEOUT, STATE_INITIAL, STATE_KIND_SHIFT, STATE_SIMPLE, STATE_SUPER,
     STATE_TASK, TRANSITION_IS_PLAIN,
 };
+use esm_core::layout::{self as records, Param, Short, TaskState, Timer};
 use esm_core::signature::fnv1a;
 
 use super::code::{self, Flags};
@@ -65,18 +66,21 @@ pub(super) fn write(
     let mut templates = Templates::default();
     for (number, (container, declared)) in layout.with_models(model).enumerate() {
         let spans = container.spans;
-        templates.containers.words([
-            templates.counts.regions,
-            declared.flags.len(),
-            container.sent.len(),
-            tree.first_instance_of(number),
-            spans.flags,
-            spans.tasks,
-            spans.regions,
-            spans.instances,
-        ]);
+        templates.containers.push(records::Container {
+            first_region: Short::new(templates.counts.regions),
+            flags: Short::new(declared.flags.len()),
+            channels: Short::new(container.sent.len()),
+            first_instance: Short::new(tree.first_instance_of(number)),
+            flag_span: Short::new(spans.flags),
+            task_span: Short::new(spans.tasks),
+            region_span: Short::new(spans.regions),
+            instance_span: Short::new(spans.instances),
+        });
         for (region, declared) in container.regions.iter().zip(&declared.regions) {
-            templates.regions.words([region.initial, number]);
+            templates.regions.push(records::Region {
+                first_state: Short::new(region.initial),
+                container: Short::new(number),
+            });
             templates.counts.regions += 1;
             templates.region(model, layout, container, region, declared)?;
         }
@@ -178,22 +182,24 @@ impl Templates {
         let events = bits.fold(0, |events: u32, bit: u32| events | bit);
         let (timeout_bit, timer) = match shape.timeout_us {
             Some(timeout_us) => {
-                self.timers.longs([timeout_us]);
+                self.timers.push(Timer {
+                    timeout_us: timeout_us.into(),
+                });
                 self.counts.timers += 1;
                 (STATE_HAS_TIMEOUT, self.counts.timers - 1)
             }
             None => (0, 0),
         };
-        let word = usize::from(shape.kind << STATE_KIND_SHIFT | timeout_bit) | shape.flags;
-        self.states.longs([events]);
-        self.states.words([
-            first,
-            first + on_pulse,
-            shape.begin.flags,
-            word,
-            shape.a,
-            timer,
-        ]);
+        let kind = shape.kind << STATE_KIND_SHIFT | timeout_bit;
+        self.states.push(records::State {
+            events: events.into(),
+            first_transition: Short::new(first),
+            first_event_transition: Short::new(first + on_pulse),
+            first_flag: Short::new(shape.begin.flags),
+            shape: (kind | shape.flags as u16).into(),
+            a: Short::new(shape.a),
+            b: Short::new(timer),
+        });
     }
 
     /// Writes the transitions out of one state.
@@ -243,19 +249,19 @@ impl Templates {
                 }
                 on_pulse += 1;
             }
-            self.transitions.words([
-                event | usize::from(mark),
-                target_index,
-                usize::from(guard),
-                usize::from(action),
-            ]);
+            self.transitions.push(records::Transition {
+                event: (*event as u16 | mark).into(),
+                target: Short::new(target_index),
+                guard: guard.into(),
+                action: action.into(),
+            });
             self.counts.transitions += 1;
         }
-        if !is_timed && row.len() > 1 {
-            // The last field of the state's record, which is the last that was written.
-            if let Some(place) = self.states.bytes.last_chunk_mut() {
-                *place = (row.len() as u16).to_le_bytes();
-            }
+        if !is_timed
+            && row.len() > 1
+            && let Some(state) = self.states.last_mut::<records::State>()
+        {
+            state.b = Short::new(row.len());
         }
         Ok(())
     }
@@ -274,15 +280,22 @@ impl Templates {
             SlotRef::NonRealTime => usize::from(NONE),
             SlotRef::Slot(slot) => slot,
         };
-        self.task_states
-            .words([number, slot, self.counts.params, state]);
+        self.task_states.push(TaskState {
+            task: Short::new(number),
+            slot: Short::new(slot),
+            first_param: Short::new(self.counts.params),
+            state: Short::new(state),
+        });
         for value in params {
-            self.params.longs([match *value {
+            let value = match *value {
                 Value::Bool(value) => u32::from(value),
                 Value::I32(value) => value as u32,
                 Value::U32(value) => value,
                 Value::F32(value) => value.to_bits(),
-            }]);
+            };
+            self.params.push(Param {
+                value: value.into(),
+            });
         }
         self.counts.params += params.len();
         self.task_state_numbers
@@ -310,15 +323,15 @@ impl Templates {
             usize::from(u16::MAX),
         )?;
         let hash = fnv1a(text.as_bytes());
-        self.tasks.longs([hash as u32, (hash >> u32::BITS) as u32]);
-        self.tasks.words([
-            start,
-            text.len(),
-            group,
-            task.data.len(),
-            task.flags.len(),
-            task.params.len(),
-        ]);
+        self.tasks.push(records::Task {
+            signature_hash: hash.into(),
+            text_start: Short::new(start),
+            text_length: Short::new(text.len()),
+            exclusive: Short::new(group),
+            data: Short::new(task.data.len()),
+            flags: Short::new(task.flags.len()),
+            params: Short::new(task.params.len()),
+        });
         self.signatures.extend_from_slice(text.as_bytes());
         self.task_numbers.insert(index, number);
         Ok(number)
