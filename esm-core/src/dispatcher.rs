@@ -66,10 +66,31 @@ fn slot_of(key: Key) -> usize {
     (key % (1 << SLOT_BITS)) as usize
 }
 
+/// An occurrence whose start is near the queue's base.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Near {
+    /// Index of the slot in the blob.
+    pub slot: usize,
+    /// Nominal start in microseconds since the base.
+    pub since_us: u32,
+}
+
+impl Near {
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn of(key: Key) -> Self {
+        Near {
+            slot: slot_of(key),
+            since_us: key >> SLOT_BITS,
+        }
+    }
+}
+
 /// What is kept for a slot.
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     period_us: u32,
+    /// The period as what is added to a key; [`FAR`] where that would be more.
+    period: Key,
     missed: u32,
     /// The next nominal start, where its key says that it is far.
     start_us: u64,
@@ -78,6 +99,7 @@ struct Entry {
 impl Entry {
     const UNUSED: Self = Self {
         period_us: 0,
+        period: 0,
         missed: 0,
         start_us: 0,
     };
@@ -200,6 +222,7 @@ impl SlotQueue {
             }
             seat.entry = Entry {
                 period_us: slot.period_us,
+                period: slot.period_us.min(FAR_US) << SLOT_BITS,
                 missed: 0,
                 start_us,
             };
@@ -251,32 +274,41 @@ impl SlotQueue {
         Some(occurrence)
     }
 
-    /// Takes the earliest occurrence, whichever time it is: for a caller who knows that it is due
-    /// and that its period has not passed.
+    /// The earliest occurrence, counted from the [base](Self::base_us), if it is near that.
+    #[must_use]
     #[cfg_attr(feature = "speed", inline(always))]
-    pub fn take_on_time(&mut self) {
-        let [winner, ..] = &self.seats else {
-            return;
-        };
-        let winner = winner.key;
-        let period_us = self.period_us(slot_of(winner));
-        // Neither is far, so that their sum is a key, which may be.
-        let key = winner.wrapping_add(period_us << SLOT_BITS);
-        if period_us < FAR_US && key < FAR {
-            let winner = replay(&mut self.seats, self.len, key);
-            if winner < FAR {
-                return;
-            }
-            self.rebase();
-        } else {
-            self.take_far();
+    pub fn near(&self) -> Near {
+        match &self.seats {
+            [winner, ..] => Near::of(winner.key),
+            [] => Near::of(0),
         }
     }
 
-    /// The same of a slot whose next start is far.
-    #[cold]
+    /// Start that [`Near`] ones are counted from, in microseconds since the origin.
+    #[must_use]
+    pub fn base_us(&self) -> u64 {
+        self.base_us
+    }
+
+    /// Takes the earliest occurrence and returns the one after it: for a caller who knows that it
+    /// is due and that its period has not passed. The base stays. `None`, and nothing is done,
+    /// where that takes arithmetic of 64 bits, which [`take_on_time`](Self::take_on_time) does.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub fn take_near(&mut self) -> Option<Near> {
+        let [winner, ..] = &self.seats else {
+            return None;
+        };
+        let winner = winner.key;
+        let period = self.seats.get(slot_of(winner))?.entry.period;
+        let key = winner.checked_add(period).filter(|key| *key < FAR)?;
+        // Who wins is not later than this one, and so near.
+        Some(Near::of(replay(&mut self.seats, self.len, key)))
+    }
+
+    /// Takes the earliest occurrence, whichever time it is: for a caller who knows that it is due
+    /// and that its period has not passed.
     #[inline(never)]
-    fn take_far(&mut self) {
+    pub fn take_on_time(&mut self) {
         let Occurrence { slot, start_us } = self.next();
         self.put(slot, start_us + u64::from(self.period_us(slot)));
     }
@@ -457,6 +489,37 @@ mod tests {
             taken[occurrence.slot] += 1;
         }
         assert!((0..4).all(|slot| dispatcher.missed(slot) == 0));
+    }
+
+    #[test]
+    fn near_occurrences_are_those_that_are_taken_and_far_ones_are_left() {
+        let slots = [slot(2_500, 7), slot(1_000_000, 0), slot(FAR_US, 3)];
+        let (mut near, mut plain) = (dispatcher(&slots), dispatcher(&slots));
+        let (mut taken, mut left) = (0, 0);
+        for _ in 0..50_000 {
+            let expected = plain.next();
+            let found = near.near();
+            assert_eq!(found.slot, expected.slot);
+            assert_eq!(
+                near.base_us() + u64::from(found.since_us),
+                expected.start_us
+            );
+            plain.take(expected.start_us).unwrap();
+            let base_us = near.base_us();
+            match near.take_near() {
+                Some(next) => {
+                    taken += 1;
+                    assert_eq!((near.near(), near.base_us()), (next, base_us));
+                }
+                None => {
+                    left += 1;
+                    assert_eq!(near.next(), expected, "nothing is done");
+                    near.take_on_time();
+                }
+            }
+            assert_eq!(near.next(), plain.next());
+        }
+        assert!(taken > 49_000 && left > 10, "{taken} and {left}");
     }
 
     #[test]

@@ -27,6 +27,10 @@ pub const RECORD: bool = cfg!(feature = "record");
 /// Values on nets can be read while the mission runs (feature `telemetry`).
 pub const TELEMETRY: bool = cfg!(feature = "telemetry");
 
+/// From one occurrence to the next time is counted in 32 bits (feature `speed`). Without it, the
+/// whole clock is looked at after each occurrence, which takes longer and less flash.
+pub const SPEED: bool = cfg!(feature = "speed");
+
 /// Missions whose tables, tasks and nets are there at the same time: where one takes over from
 /// another warm, both are.
 pub const MISSIONS: usize = if WARM { 2 } else { 1 };

@@ -6,7 +6,10 @@
 //! of them is silent for longer, the watchdog is fed no more, and the board resets; who it was is
 //! kept. A task of a real-time slot that never returns needs no watching: nothing is fed meanwhile.
 
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
+use core::sync::atomic::{
+    AtomicBool, AtomicU32,
+    Ordering::{Acquire, Relaxed, Release},
+};
 
 use esm_link::message::Silent;
 
@@ -29,8 +32,11 @@ pub(crate) struct Signs {
     pub(crate) slot_0: AtomicBool,
     /// Requests that arrived whole; wraps.
     pub(crate) requests: AtomicU32,
-    /// How long slots have run, in microseconds; wraps. The real-time side's.
-    pub(crate) slots_us: AtomicU32,
+    /// How long slots have run, in microseconds; wraps. What came after that was settled is
+    /// counted in ticks. Both are the real-time side's; others ask [`slots_us`](Self::slots_us).
+    slots_us: AtomicU32,
+    pub(crate) slots_ticks: AtomicU32,
+    ticks_per_us: AtomicU32,
     /// How long the link has worked, in microseconds, the time that slots took from it not
     /// included; wraps. The link's.
     pub(crate) link_us: AtomicU32,
@@ -55,6 +61,8 @@ impl Signs {
             slot_0: AtomicBool::new(false),
             requests: AtomicU32::new(0),
             slots_us: AtomicU32::new(0),
+            slots_ticks: AtomicU32::new(0),
+            ticks_per_us: AtomicU32::new(0),
             link_us: AtomicU32::new(0),
             stops: Stops::new(),
             emergency_stop: AtomicBool::new(false),
@@ -62,6 +70,30 @@ impl Signs {
             stop_pressed: AtomicBool::new(false),
             mission_is_coming: AtomicBool::new(false),
         }
+    }
+
+    /// How long slots have run, in microseconds; wraps.
+    pub(crate) fn slots_us(&self) -> u32 {
+        loop {
+            let settled_us = self.slots_us.load(Acquire);
+            let ticks = self.slots_ticks.load(Acquire);
+            // Settled meanwhile: the ticks may be in what was read first, or not. The next attempt
+            // meets nothing of the kind, since slots are further apart than this takes.
+            if self.slots_us.load(Relaxed) == settled_us {
+                return settled_us.wrapping_add(ticks / self.ticks_per_us.load(Relaxed).max(1));
+            }
+        }
+    }
+
+    /// Moves the ticks that were counted of slots to their microseconds. For the real-time side.
+    pub(crate) fn settle_slots(&self, ticks_per_us: u32) {
+        let ticks = self.slots_ticks.load(Relaxed);
+        let us = ticks.checked_div(ticks_per_us).unwrap_or(0);
+        self.ticks_per_us.store(ticks_per_us, Relaxed);
+        self.slots_us
+            .store(self.slots_us.load(Relaxed).wrapping_add(us), Relaxed);
+        self.slots_ticks
+            .store(ticks.wrapping_sub(us * ticks_per_us), Release);
     }
 }
 
@@ -89,7 +121,7 @@ impl Taken {
     fn now(signs: &Signs) -> Self {
         Taken {
             link: signs.link_us.load(Relaxed),
-            slots: signs.slots_us.load(Relaxed),
+            slots: signs.slots_us(),
         }
     }
 
@@ -181,6 +213,23 @@ impl Supervision {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn time_of_slots_is_told_whole_before_and_after_it_is_settled() {
+        let signs = Signs::new();
+        signs.settle_slots(50);
+        let mut ticks: u32 = 0;
+        for took in [49, 1, 120, 49, 1_000_000] {
+            ticks += took;
+            signs
+                .slots_ticks
+                .store(signs.slots_ticks.load(Relaxed) + took, Relaxed);
+            assert_eq!(signs.slots_us(), ticks / 50);
+            signs.settle_slots(50);
+            assert_eq!(signs.slots_us(), ticks / 50);
+            assert!(signs.slots_ticks.load(Relaxed) < 50);
+        }
+    }
 
     const TICKS_PER_US: u32 = 3;
     const PERIODS_US: [u32; 3] = [10_000, 40_000, 400_000];

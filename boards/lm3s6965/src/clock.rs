@@ -81,13 +81,18 @@ pub fn low_ticks() -> u32 {
     CLOCK.low(count())
 }
 
-/// Ticks until the clock shows this, in its low half; 0 if it has. It is less than half a round of
-/// SysTick away.
+/// Ticks until the clock shows this, in its low half, which is less than half a round of SysTick
+/// away; where it has shown it, a [long time](is_past).
 #[inline(always)]
 pub fn ticks_until(at_ticks: u32) -> u32 {
-    const LONGEST: u32 = SYS_TICK_MAX / 2;
     // What the counter adds to this, in its bits, is the rest: it counts down.
     let rest = at_ticks.wrapping_sub(SYS_TICK_MAX);
-    let ticks = rest.wrapping_add(sys_tick::CVR.read()) & SYS_TICK_MAX;
-    if ticks <= LONGEST { ticks } else { 0 }
+    rest.wrapping_add(sys_tick::CVR.read()) & SYS_TICK_MAX
+}
+
+/// Whether [`ticks_until`] says of a time that it has come.
+#[inline(always)]
+pub fn is_past(ticks: u32) -> bool {
+    const LONGEST: u32 = SYS_TICK_MAX / 2;
+    ticks == 0 || ticks > LONGEST
 }

@@ -40,12 +40,12 @@ pub fn call() {
 pub fn set(at_ticks: u64) {
     timer0::CTL.write(0);
     timer0::ICR.write(TIMER_A_TIMEOUT);
-    // From the look at the clock in here to the last line, each instruction makes the slot later.
+    // From the look at the clock in here to the start, each instruction makes the slot later. So a
+    // time that has come is noticed behind it.
     let ticks = clock::ticks_until(at_ticks as u32);
-    if ticks > 0 {
-        timer0::TAILR.write(ticks);
-        timer0::CTL.write(TIMER_A_ENABLE);
-    } else {
+    timer0::TAILR.write(ticks);
+    timer0::CTL.write(TIMER_A_ENABLE);
+    if clock::is_past(ticks) {
         NVIC::pend(Interrupt::TIMER_0A);
     }
 }

@@ -30,8 +30,8 @@ impl Default for Limits {
 }
 
 impl RealTime<'_, '_> {
-    /// Counts how late an occurrence began.
-    #[cfg_attr(feature = "speed", inline(always))]
+    /// Counts how late an occurrence began. One that was no later than another of its slot need
+    /// not be.
     pub(super) fn count_delay<B: Board>(&mut self, delay_ticks: u32) {
         if delay_ticks > self.max_delay_ticks {
             self.note_delay(delay_ticks, B::TICKS_PER_US);
@@ -73,8 +73,10 @@ impl RealTime<'_, '_> {
             return;
         };
         let duration_ticks = entry.duration_us().saturating_mul(B::TICKS_PER_US);
-        if entry.count_unusual(delay_ticks, took_ticks, duration_ticks) {
-            let in_a_row = entry.overruns_in_a_row();
+        let is_overrun = entry.count_unusual(delay_ticks, took_ticks, duration_ticks);
+        let in_a_row = entry.overruns_in_a_row();
+        self.count_delay::<B>(delay_ticks);
+        if is_overrun {
             self.count_overrun(board, in_a_row);
         }
     }
@@ -103,12 +105,10 @@ impl RealTime<'_, '_> {
 
     /// Counts time that others had none of: what the link may take is a part of the rest.
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn count_time<B: Board>(&self, took_ticks: u32) {
-        let slots_us = &self.signs.slots_us;
-        // Only this side counts it, so load and store suffice. What is rounded off is at the link's
-        // expense.
-        let us = took_ticks / B::TICKS_PER_US;
-        slots_us.store(slots_us.load(Relaxed).wrapping_add(us), Relaxed);
+    pub(super) fn count_time(&self, took_ticks: u32) {
+        let slots_ticks = &self.signs.slots_ticks;
+        // Only this side counts it, so load and store suffice.
+        slots_ticks.store(slots_ticks.load(Relaxed).wrapping_add(took_ticks), Relaxed);
     }
 
     pub(super) fn count_missed(

@@ -20,6 +20,7 @@ impl RealTime<'_, '_> {
     #[inline(never)]
     pub(super) fn go_on<B: Board>(&mut self, board: &mut B, letter_waits: bool) -> u64 {
         let began_ticks = board.now_low_ticks();
+        self.forget_next();
         // Before a letter, which may be older.
         self.look_for_stops(board);
         if !letter_waits {
@@ -37,10 +38,11 @@ impl RealTime<'_, '_> {
         if let Some(mission) = &self.mission {
             let start_ticks = mission.origin.ticks + ticks::<B>(next.start_us);
             if start_ticks == at_ticks {
-                self.look_up::<B>(next, start_ticks as u32);
+                self.look_up::<B>(next, start_ticks);
             }
         }
-        self.count_time::<B>(board.now_low_ticks().wrapping_sub(began_ticks));
+        self.count_time(board.now_low_ticks().wrapping_sub(began_ticks));
+        self.signs.settle_slots(B::TICKS_PER_US);
         at_ticks
     }
 
@@ -49,7 +51,6 @@ impl RealTime<'_, '_> {
         let poll_ticks = poll_ticks::<B>();
         loop {
             let now = board.now_ticks();
-            self.looked_ticks = now as u32;
             self.look_for_stops(board);
             if self.waiting.is_some() {
                 self.refuse_late::<B>(now);

@@ -119,8 +119,6 @@ pub struct RealTime<'q, 'm> {
     previous_end_us: u64,
     /// Longest start delay since the mission started.
     max_delay_ticks: u32,
-    /// When the whole clock was looked at last, low half.
-    looked_ticks: u32,
     next: Next,
     /// Shortest period of the mission's slots, in microseconds.
     shortest_period_us: u32,
@@ -186,7 +184,6 @@ impl<'q, 'm> RealTime<'q, 'm> {
             health: Health::EMPTY,
             previous_end_us: 0,
             max_delay_ticks: 0,
-            looked_ticks: 0,
             next: Next::NOTHING,
             shortest_period_us: 0,
         }

@@ -11,6 +11,7 @@
 
 use core::sync::atomic::Ordering;
 
+use esm_core::dispatcher::Near;
 use esm_core::{Fault, dispatcher};
 
 use super::mission::Origin;
@@ -19,15 +20,22 @@ use super::tasks::NONE;
 use super::trace::StepObserver;
 use super::{IDLE_POLL_US, RealTime};
 use crate::board::{Board, OccurrenceStart, ticks};
-use crate::features::WARM;
+use crate::features::{SPEED, WARM};
 use esm_link::message::{Mode, SafeReason};
 
 /// How long occurrences may follow one another, each looked up after the one before, without a look
 /// at the whole clock.
 const LOOK_US: u32 = 100_000;
+/// What starts later than this after the occurrence before is not looked up: who waits for so long
+/// is looked at meanwhile.
+const NEAR_US: u32 = 2 * IDLE_POLL_US;
 
 /// The next occurrence, where it was looked up after the one before. It never is one of the
 /// interpreter's, which begins with a macro step.
+///
+/// All that the timer's entry needs of a mission is bound here when the whole clock is looked at.
+/// From one occurrence to the next only 32-bit numbers change. What has 64 bits is worked out from
+/// them by [`settle`](RealTime::settle).
 #[derive(Clone, Copy)]
 pub(super) struct Next {
     /// Nominal start on the board's clock, low half.
@@ -35,6 +43,18 @@ pub(super) struct Next {
     /// For how long from then it is on time; 0 where nothing is looked up.
     window_ticks: u32,
     duration_us: u32,
+    /// From the start of the occurrence before to this one's, and how long that one lasts; where
+    /// [`ended`](Self::ended) is not 0.
+    wait_us: u32,
+    before_us: u32,
+    /// Occurrences that have ended since this was settled.
+    ended: u32,
+    /// The base of the dispatcher's queue on the board's clock, low half.
+    base_ticks: u32,
+    /// Starts from here on, counted from that base, wait for a look at the whole clock.
+    look_us: u32,
+    /// The slot that runs the interpreter.
+    interpreter_slot: usize,
     /// The slot's first enabled task instance, or [`NONE`].
     instance: u16,
 }
@@ -44,6 +64,12 @@ impl Next {
         start_ticks: 0,
         window_ticks: 0,
         duration_us: 0,
+        wait_us: 0,
+        before_us: 0,
+        ended: 0,
+        base_ticks: 0,
+        look_us: 0,
+        interpreter_slot: 0,
         instance: NONE,
     };
 }
@@ -84,49 +110,106 @@ impl RealTime<'_, '_> {
         if let Err(reason) = board.begin_occurrence(&start) {
             return self.begin_in_vain(board, &start, delay_ticks, reason);
         }
-        let Next {
-            duration_us,
-            instance,
-            ..
-        } = self.next;
+        let instance = self.next.instance;
         if instance != NONE {
-            self.execute_tasks(board, instance, now_ticks, duration_us);
+            self.execute_tasks(board, instance, now_ticks, self.next.duration_us);
         }
-        let taken = self.dispatcher.next();
-        self.dispatcher.take_on_time();
-        self.end(taken.start_us, duration_us);
-        self.count_delay::<B>(delay_ticks);
-        if self.from_background.ready() || self.tasks.look_for_jobs() {
-            self.change_jobs(taken.slot, taken.start_us);
+        let taken = self.dispatcher.near();
+        let next = if SPEED {
+            self.dispatcher.take_near()
+        } else {
+            None
+        };
+        let Some(next) = next else {
+            return self.end_far(board, now_ticks, delay_ticks);
+        };
+        let wait_us = next.since_us - taken.since_us;
+        self.next.ended += 1;
+        self.next.wait_us = wait_us;
+        self.next.before_us = self.next.duration_us;
+        let mut may_have_failed = instance != NONE;
+        if self.from_background.ready() || instance != NONE && self.tasks.look_for_jobs() {
+            self.change_jobs_near(taken.slot);
+            may_have_failed = true;
         }
         let ended_ticks = board.now_low_ticks();
         let took_ticks = ended_ticks.wrapping_sub(now_ticks);
-        self.count_time::<B>(took_ticks);
+        self.count_time(took_ticks);
+        self.count_execution(board, taken.slot, delay_ticks, took_ticks);
+        if may_have_failed {
+            self.look_for_failure(board);
+        }
+        if self.from_link.ready()
+            || wait_us > NEAR_US
+            || !self.look_up_near::<B>(&next, ended_ticks)
+        {
+            return self.go_on(board, true);
+        }
+        self.next_start_ticks::<B>()
+    }
+
+    /// When the occurrence starts that was looked up. A board that asks for the low half alone does
+    /// no arithmetic for it.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn next_start_ticks<B: Board>(&self) -> u64 {
+        const LOW: u64 = u32::MAX as u64;
+        let whole = self.mission.as_ref().map_or(0, |mission| {
+            mission.origin.ticks + ticks::<B>(self.dispatcher.next().start_us)
+        });
+        whole & !LOW | u64::from(self.next.start_ticks)
+    }
+
+    /// Changes slot-0 runs in an occurrence that was looked up.
+    #[inline(never)]
+    fn change_jobs_near(&mut self, slot: usize) {
+        self.settle();
+        let next_us = self.dispatcher.next().start_us;
+        self.change_jobs(slot, next_us.saturating_sub(self.next.wait_us.into()));
+    }
+
+    /// Ends an occurrence of a slot whose next start is far away.
+    #[cold]
+    #[inline(never)]
+    fn end_far<B: Board>(&mut self, board: &mut B, began_ticks: u32, delay_ticks: u32) -> u64 {
+        let duration_us = self.next.duration_us;
+        self.settle();
+        let taken = self.dispatcher.next();
+        self.dispatcher.take_on_time();
+        self.end(taken.start_us, duration_us);
+        if self.from_background.ready() || self.tasks.look_for_jobs() {
+            self.change_jobs(taken.slot, taken.start_us);
+        }
+        let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks);
+        self.count_time(took_ticks);
         self.count_execution(board, taken.slot, delay_ticks, took_ticks);
         self.look_for_failure(board);
-        match self.look_up_next::<B>(&taken, ended_ticks) {
-            Some(at_ticks) => at_ticks,
-            None => self.go_on(board, true),
-        }
+        self.go_on(board, true)
     }
 
     /// What a board is told of the next occurrence.
     #[cfg_attr(feature = "speed", inline(always))]
     fn next_start<B: Board>(&self) -> OccurrenceStart {
         let dispatcher::Occurrence { slot, start_us } = self.dispatcher.next();
-        let (origin, number) = self
-            .mission
-            .as_ref()
-            .map_or((Origin { ticks: 0, us: 0 }, 0), |mission| {
-                (mission.origin, mission.occurrences)
-            });
+        let (origin, number) =
+            self.mission
+                .as_ref()
+                .map_or((Origin { ticks: 0, us: 0 }, 0), |mission| {
+                    (
+                        mission.origin,
+                        mission.occurrences + u64::from(self.next.ended),
+                    )
+                });
         let since_us = origin.us + start_us;
+        let previous_end_us = match self.next.ended {
+            0 => self.previous_end_us,
+            _ => since_us - u64::from(self.next.wait_us) + u64::from(self.next.before_us),
+        };
         OccurrenceStart {
             slot,
             number,
             start_us: since_us,
             start_ticks: origin.ticks + ticks::<B>(start_us),
-            previous_end_us: self.previous_end_us.min(since_us),
+            previous_end_us: previous_end_us.min(since_us),
             interpreter: false,
         }
     }
@@ -142,12 +225,13 @@ impl RealTime<'_, '_> {
         reason: SafeReason,
     ) -> u64 {
         let duration_us = self.next.duration_us;
+        self.settle();
         let taken = self.dispatcher.next();
         self.dispatcher.take_on_time();
         self.end(taken.start_us, duration_us);
         self.count_delay::<B>(delay_ticks);
         self.fail_safe(board, reason);
-        self.count_time::<B>(
+        self.count_time(
             board
                 .now_low_ticks()
                 .wrapping_sub(start.start_ticks as u32)
@@ -174,76 +258,98 @@ impl RealTime<'_, '_> {
         }
     }
 
-    /// Looks up the next occurrence after one that was on time, and returns its start, which is
-    /// when to be called again. `None` if it is due already or far away, or if there is something
-    /// else to do first: a letter waits, or the whole clock was not looked at for long.
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn look_up_next<B: Board>(
-        &mut self,
-        taken: &dispatcher::Occurrence,
-        now_ticks: u32,
-    ) -> Option<u64> {
-        const NEAR_US: u32 = 2 * IDLE_POLL_US;
-        let look_ticks = LOOK_US.saturating_mul(B::TICKS_PER_US);
-        if self.from_link.ready() || now_ticks.wrapping_sub(self.looked_ticks) >= look_ticks {
-            return None;
+    /// Works out what was counted in 32 bits of the occurrences that were looked up: as long as the
+    /// dispatcher's next one is what they left.
+    pub(super) fn settle(&mut self) {
+        let ended = core::mem::take(&mut self.next.ended);
+        if SPEED
+            && ended != 0
+            && let Some(mission) = &mut self.mission
+        {
+            mission.occurrences += u64::from(ended);
+            let start_us = self.dispatcher.next().start_us;
+            let before_us = start_us.saturating_sub(self.next.wait_us.into());
+            self.previous_end_us = mission.robot_us(before_us) + u64::from(self.next.before_us);
         }
-        let next = self.dispatcher.next();
-        // No period is as long as these bits last.
-        let wait_us = (next.start_us as u32).wrapping_sub(taken.start_us as u32);
-        if wait_us > NEAR_US {
-            return None;
-        }
-        let start_ticks = self.mission.as_ref()?.origin.ticks + ticks::<B>(next.start_us);
-        let wait_ticks = (start_ticks as u32).wrapping_sub(now_ticks) as i32;
-        if wait_ticks <= 0 {
-            return None;
-        }
-        self.look_up::<B>(next, start_ticks as u32)
-            .then_some(start_ticks)
     }
 
-    /// Looks up the dispatcher's next occurrence. Its start is near, so that the low half of the
-    /// clock tells whether it is due. False if it may be the first of another mission.
+    /// Looks up the next occurrence after one that was on time and was looked up itself. False if
+    /// it is due already, may be the first of another mission, or if the whole clock was not looked
+    /// at for long.
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn look_up<B: Board>(
-        &mut self,
-        next: dispatcher::Occurrence,
-        start_ticks: u32,
-    ) -> bool {
-        self.next.start_ticks = start_ticks;
-        self.next.window_ticks = 0;
-        let Some(mission) = &self.mission else {
+    fn look_up_near<B: Board>(&mut self, next: &Near, now_ticks: u32) -> bool {
+        if next.since_us >= self.next.look_us {
             return false;
-        };
-        if next.slot == mission.interpreter_slot {
-            return !(WARM
-                && (self.waiting.is_some()
-                    || self.trial.is_some()
-                    || self.signs.mission_is_coming.load(Ordering::Relaxed)));
+        }
+        let since_ticks = next.since_us.wrapping_mul(B::TICKS_PER_US);
+        let start_ticks = self.next.base_ticks.wrapping_add(since_ticks);
+        if start_ticks.wrapping_sub(now_ticks) as i32 <= 0 {
+            return false;
+        }
+        self.next.start_ticks = start_ticks;
+        if next.slot == self.next.interpreter_slot {
+            self.next.window_ticks = 0;
+            return !self.may_change_mission();
         }
         let Some(entry) = self.tasks.lists.slots.get(next.slot) else {
             return false;
         };
-        if self.mode != Mode::Running {
-            return true;
-        }
         self.next.duration_us = entry.duration_us();
         self.next.instance = entry.first_enabled();
-        if self.next.instance == NONE || self.prepare_first(next) {
-            self.next.window_ticks = mission_window::<B>(self.shortest_period_us);
+        if self.next.instance != NONE && !self.prepare_first(next.slot) {
+            self.next.window_ticks = 0;
         }
         true
     }
 
+    /// Whether the interpreter's next occurrence may be the first of another mission.
+    #[inline(never)]
+    fn may_change_mission(&self) -> bool {
+        WARM && (self.waiting.is_some()
+            || self.trial.is_some()
+            || self.signs.mission_is_coming.load(Ordering::Relaxed))
+    }
+
+    /// Looks up the dispatcher's next occurrence, which starts at this time, after a look at the
+    /// whole clock.
+    pub(super) fn look_up<B: Board>(&mut self, next: dispatcher::Occurrence, start_ticks: u64) {
+        let Some(mission) = &self.mission else {
+            return;
+        };
+        if next.slot == mission.interpreter_slot || self.mode != Mode::Running {
+            return;
+        }
+        let Some(entry) = self.tasks.lists.slots.get(next.slot) else {
+            return;
+        };
+        let base_us = self.dispatcher.base_us();
+        let base_ticks = mission.origin.ticks + ticks::<B>(base_us);
+        // The look was at most a few milliseconds ago, and the next one starts soon.
+        let near_us = (next.start_us - base_us) as u32;
+        self.next = Next {
+            start_ticks: start_ticks as u32,
+            window_ticks: mission_window::<B>(self.shortest_period_us),
+            duration_us: entry.duration_us(),
+            base_ticks: base_ticks as u32,
+            look_us: near_us + LOOK_US,
+            interpreter_slot: mission.interpreter_slot,
+            instance: entry.first_enabled(),
+            ..Next::NOTHING
+        };
+        if self.next.instance != NONE && !self.prepare_first(next.slot) {
+            self.next.window_ticks = 0;
+        }
+    }
+
     /// Prepares the first task of an occurrence. False if it cannot be executed.
     #[inline(never)]
-    fn prepare_first(&mut self, next: dispatcher::Occurrence) -> bool {
+    fn prepare_first(&mut self, slot: usize) -> bool {
         if let Some(mission) = &self.mission {
-            let period_us = self.dispatcher.period_us(next.slot);
+            let start_us = self.dispatcher.next().start_us;
+            let period_us = self.dispatcher.period_us(slot);
             self.executor.begin(
-                mission.t_us(next.start_us),
-                mission.robot_us(next.start_us),
+                mission.t_us(start_us),
+                mission.robot_us(start_us),
                 period_us,
             );
         }
@@ -252,6 +358,7 @@ impl RealTime<'_, '_> {
 
     /// What was looked up is so no more.
     pub(super) fn forget_next(&mut self) {
+        self.settle();
         self.next = Next::NOTHING;
     }
 

@@ -132,7 +132,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     }
 
     fn begin_turn<P: LinkPort>(&mut self, port: &mut P) {
-        let slots_us = self.desk.signs.slots_us.load(Ordering::Relaxed);
+        let slots_us = self.desk.signs.slots_us();
         self.budget.begin::<P>(port.now_us(), slots_us);
         let lost_bytes = self.desk.signs.stops.lost_bytes();
         if lost_bytes != self.lost_bytes {
@@ -145,7 +145,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// Counts what the link has done as work.
     fn charge<P: LinkPort>(&mut self, port: &mut P) {
         let signs = self.desk.signs;
-        let slots_us = signs.slots_us.load(Ordering::Relaxed);
+        let slots_us = signs.slots_us();
         let worked_us = self.budget.charge::<P>(port.now_us(), slots_us);
         // Only this side counts it, so load and store suffice.
         let before_us = signs.link_us.load(Ordering::Relaxed);
