@@ -2,13 +2,13 @@
 //!
 //! Times are whole microseconds since the origin of the schedule, and every start is the one before
 //! plus the period: nothing drifts, and no counter wraps in the life of a robot. Taking an
-//! occurrence replays the winner's matches, one comparison for each level of the tournament:
+//! activation replays the winner's matches, one comparison for each level of the tournament:
 //! logarithmic in the number of slots, and the same number for all of them, or one less. No table
 //! is as long as the hyperperiod.
 //!
 //! Slots are compared by words of 32 bits: the time from a base to the next start, if it is less
-//! than eight seconds, and the slot's index. So the occurrence that is taken on time costs no
-//! arithmetic of 64 bits. The base moves on every few seconds, when an occurrence is taken by
+//! than eight seconds, and the slot's index. So the activation that is taken on time costs no
+//! arithmetic of 64 bits. The base moves on every few seconds, when an activation is taken by
 //! `take`.
 
 use core::ops::{Deref, DerefMut};
@@ -17,7 +17,7 @@ use crate::tables::Slot;
 
 /// One nominal start of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Occurrence {
+pub struct Activation {
     /// Index of the slot in the blob.
     pub slot: usize,
     /// Nominal start in microseconds since the origin.
@@ -66,7 +66,7 @@ fn slot_of(key: Key) -> usize {
     (key % (1 << SLOT_BITS)) as usize
 }
 
-/// An occurrence whose start is near the queue's base.
+/// An activation whose start is near the queue's base.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Near {
     /// Index of the slot in the blob.
@@ -105,7 +105,7 @@ impl Entry {
     };
 }
 
-/// Hands out the occurrences of up to `SLOTS` slots, at most 256, in the order of their nominal
+/// Hands out the activations of up to `SLOTS` slots, at most 256, in the order of their nominal
 /// starts.
 ///
 /// ```
@@ -160,7 +160,7 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
         }
     }
 
-    /// A dispatcher at its origin. The slot index of an [`Occurrence`] is the position in `slots`.
+    /// A dispatcher at its origin. The slot index of an [`Activation`] is the position in `slots`.
     ///
     /// # Errors
     /// See [`DispatcherError`].
@@ -188,7 +188,7 @@ impl<const SLOTS: usize> DerefMut for Dispatcher<SLOTS> {
 }
 
 impl SlotQueue {
-    /// Starts with other slots at a time of their schedule: the first occurrence of each is its
+    /// Starts with other slots at a time of their schedule: the first activation of each is its
     /// first one that starts at or after `from_us`, in microseconds since the origin. Nothing was
     /// missed yet. After an error there are no slots.
     ///
@@ -216,7 +216,7 @@ impl SlotQueue {
             }
             let mut start_us = u64::from(slot.start_us);
             if let Some(past_us) = from_us.checked_sub(start_us) {
-                // Rounded up: the occurrence before would start before `from_us`.
+                // Rounded up: the activation before would start before `from_us`.
                 let past_us = past_us + u64::from(slot.period_us - 1);
                 start_us += periods_in(past_us, slot.period_us) * u64::from(slot.period_us);
             }
@@ -232,49 +232,49 @@ impl SlotQueue {
         Ok(())
     }
 
-    /// The earliest occurrence that was not taken: what the slot timer must be set to.
+    /// The earliest activation that was not taken: what the slot timer must be set to.
     #[must_use]
     #[cfg_attr(feature = "speed", inline(always))]
-    pub fn next(&self) -> Occurrence {
+    pub fn next(&self) -> Activation {
         let [winner, ..] = &self.seats else {
-            return Occurrence {
+            return Activation {
                 slot: 0,
                 start_us: 0,
             };
         };
-        Occurrence {
+        Activation {
             slot: slot_of(winner.key),
             // The base moves before the earliest start is far from it.
             start_us: self.base_us + u64::from(winner.key >> SLOT_BITS),
         }
     }
 
-    /// Takes the earliest occurrence if it is due at `now_us`, which must not lie before an earlier
+    /// Takes the earliest activation if it is due at `now_us`, which must not lie before an earlier
     /// call's.
     ///
-    /// An occurrence whose whole period has passed is missed: it is counted and skipped, and the
+    /// An activation whose whole period has passed is missed: it is counted and skipped, and the
     /// slot goes on with the one that `now_us` falls into. So one slot is handed out at most once a
     /// period, however late the caller is.
-    pub fn take(&mut self, now_us: u64) -> Option<Occurrence> {
+    pub fn take(&mut self, now_us: u64) -> Option<Activation> {
         if self.is_empty() {
             return None;
         }
-        let mut occurrence = self.next();
-        let late_us = now_us.checked_sub(occurrence.start_us)?;
-        let entry = &mut self.seats.get_mut(occurrence.slot)?.entry;
+        let mut activation = self.next();
+        let late_us = now_us.checked_sub(activation.start_us)?;
+        let entry = &mut self.seats.get_mut(activation.slot)?.entry;
         let period_us = u64::from(entry.period_us);
         if late_us >= period_us {
             let missed = periods_in(late_us, entry.period_us);
-            occurrence.start_us += missed * period_us;
+            activation.start_us += missed * period_us;
             entry.missed = entry
                 .missed
                 .saturating_add(u32::try_from(missed).unwrap_or(u32::MAX));
         }
-        self.put(occurrence.slot, occurrence.start_us + period_us);
-        Some(occurrence)
+        self.put(activation.slot, activation.start_us + period_us);
+        Some(activation)
     }
 
-    /// The earliest occurrence, counted from the [base](Self::base_us), if it is near that.
+    /// The earliest activation, counted from the [base](Self::base_us), if it is near that.
     #[must_use]
     #[cfg_attr(feature = "speed", inline(always))]
     pub fn near(&self) -> Near {
@@ -290,7 +290,7 @@ impl SlotQueue {
         self.base_us
     }
 
-    /// Takes the earliest occurrence and returns the one after it: for a caller who knows that it
+    /// Takes the earliest activation and returns the one after it: for a caller who knows that it
     /// is due and that its period has not passed. The base stays. `None`, and nothing is done,
     /// where that takes arithmetic of 64 bits, which [`take_on_time`](Self::take_on_time) does.
     #[cfg_attr(feature = "speed", inline(always))]
@@ -305,15 +305,15 @@ impl SlotQueue {
         Some(Near::of(replay(&mut self.seats, self.len, key)))
     }
 
-    /// Takes the earliest occurrence, whichever time it is: for a caller who knows that it is due
+    /// Takes the earliest activation, whichever time it is: for a caller who knows that it is due
     /// and that its period has not passed.
     #[inline(never)]
     pub fn take_on_time(&mut self) {
-        let Occurrence { slot, start_us } = self.next();
+        let Activation { slot, start_us } = self.next();
         self.put(slot, start_us + u64::from(self.period_us(slot)));
     }
 
-    /// The slot of the earliest occurrence starts next at this time.
+    /// The slot of the earliest activation starts next at this time.
     fn put(&mut self, slot: usize, start_us: u64) {
         if let Some(seat) = self.seats.get_mut(slot) {
             seat.entry.start_us = start_us;
@@ -370,7 +370,7 @@ impl SlotQueue {
         self.seats.get(slot).map_or(0, |seat| seat.entry.period_us)
     }
 
-    /// Occurrences of a slot that did not start within their period; saturates.
+    /// Activations of a slot that did not start within their period; saturates.
     #[must_use]
     pub fn missed(&self, slot: usize) -> u32 {
         self.seats.get(slot).map_or(0, |seat| seat.entry.missed)
@@ -475,18 +475,18 @@ mod tests {
         let mut taken = [0_u64; 4];
         for _ in 0..100_000 {
             let next = dispatcher.next();
-            let occurrence = dispatcher.take(next.start_us).unwrap();
-            assert_eq!(occurrence, next);
-            assert!((occurrence.start_us, occurrence.slot) >= last);
-            last = (occurrence.start_us, occurrence.slot);
+            let activation = dispatcher.take(next.start_us).unwrap();
+            assert_eq!(activation, next);
+            assert!((activation.start_us, activation.slot) >= last);
+            last = (activation.start_us, activation.slot);
             let Slot {
                 period_us,
                 start_us,
                 ..
-            } = slots[occurrence.slot];
-            let nominal_us = u64::from(start_us) + taken[occurrence.slot] * u64::from(period_us);
-            assert_eq!(occurrence.start_us, nominal_us);
-            taken[occurrence.slot] += 1;
+            } = slots[activation.slot];
+            let nominal_us = u64::from(start_us) + taken[activation.slot] * u64::from(period_us);
+            assert_eq!(activation.start_us, nominal_us);
+            taken[activation.slot] += 1;
         }
         assert!((0..4).all(|slot| dispatcher.missed(slot) == 0));
     }
@@ -598,7 +598,7 @@ mod tests {
         for (late_us, index, missed) in cases {
             let mut dispatcher = dispatcher(&[slot(1_000, 0), slot(4_000_000_000, 999)]);
             let taken = dispatcher.take(late_us).unwrap();
-            let expected = Occurrence {
+            let expected = Activation {
                 slot: 0,
                 start_us: index * 1_000,
             };

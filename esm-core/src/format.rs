@@ -47,13 +47,13 @@
 //! **States.** Bit 0 of a state's *events* is set if it has a transition on the pulse, or on an
 //! event whose number is a multiple of 32; bit `n` above that if it has one on an event whose
 //! number leaves the remainder `n`. No other bit is set. A *shape* holds the kind of the state in
-//! its top 3 bits (0 initial, 1 final, 2 simple, 3 real-time task, 4 slot-0 task, 5 superstate), in
-//! bit 12 whether it has a timeout, and below how many flag bits entering it resets. For a task
-//! state *a* is the task instance relative to the instance's first; for a superstate it is the
-//! container instance inside relative to the instance that holds it; otherwise it is 0. For a state
-//! with a timeout *b* is its record among the timers. For others it is the length of the *row*: the
-//! number of its first transitions on the pulse whose guards are below 32 and each one more than
-//! the guard before, or 0 if that is 1.
+//! its top 3 bits (0 initial, 1 final, 2 simple, 3 real-time task, 4 background task, 5
+//! superstate), in bit 12 whether it has a timeout, and below how many flag bits entering it
+//! resets. For a task state *a* is the task instance relative to the instance's first; for a
+//! superstate it is the container instance inside relative to the instance that holds it; otherwise
+//! it is 0. For a state with a timeout *b* is its record among the timers. For others it is the
+//! length of the *row*: the number of its first transitions on the pulse whose guards are below 32
+//! and each one more than the guard before, or 0 if that is 1.
 //!
 //! **Order.** Everything stands in one order, and the parts of a thing stand together: the regions
 //! of container 0, of container 1, …; the states of region 0, of region 1, … with `initial` first

@@ -7,11 +7,11 @@
 //! Who is visited in a macro step, and in which order, is said in [`walk`]; what a transition does,
 //! in [`transitions`]; when a state is overdue, in [`timers`].
 
-mod carry;
 mod clock;
 mod events;
 mod guards;
 mod machine;
+mod migration;
 mod progress;
 mod timers;
 mod transitions;
@@ -21,16 +21,16 @@ use core::ops::{Deref, Range};
 
 use crate::arena::WORD_BITS;
 use crate::format;
-use crate::pairing::Pairing;
 use crate::reads::{Checked, DefaultReads, Reads, access::Access};
+use crate::state_mapping::StateMapping;
 use crate::tables::{Tables, TaskPlaces};
 use crate::verify::Verified;
 
 use machine::{Machine, Mark};
 use walk::Ended;
 
-pub use carry::TakenOver;
 pub use events::{Fault, MAX_MICRO_STEPS, Observer, StepSummary, TransitionTaken};
+pub use migration::TakenOver;
 pub use progress::{Progress, ResumeError};
 pub use timers::MAX_STEPS;
 
@@ -179,15 +179,15 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
 }
 
 impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
-    /// Resets an enable bit alone: the run of a slot-0 task ended after its state was left. Between
-    /// macro steps only.
+    /// Resets an enable bit alone: the run of a background task ended after its state was left.
+    /// Between macro steps only.
     pub fn clear_enabled(&mut self, task_instance: usize) {
         if task_instance < self.machine.layout.tasks {
             self.machine.disable(task_instance);
         }
     }
 
-    /// Lets occurrences of the interpreter's slot pass that were missed: time and number of the
+    /// Lets activations of the interpreter's slot pass that were missed: time and number of the
     /// next macro step move on, to [`MAX_STEPS`] at most. No more macro steps pass beyond that: so
     /// no counter of them wraps, and timers run out as they do after any other wait.
     pub fn skip(&mut self, missed: u32) {
@@ -200,17 +200,17 @@ impl<B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'_, B, R> {
     /// which goes no further. A machine that stopped by a fault hands over nothing, nor does one
     /// without names.
     ///
-    /// `pairing` is what was [found](Pairing::find) for the tables of both, this machine's first.
-    /// That of other machines gives nonsense, but no memory is at risk.
+    /// `mapping` is what was [found](StateMapping::find) for the tables of both, this machine's
+    /// first. That of other machines gives nonsense, but no memory is at risk.
     pub fn take_over(
         &mut self,
         before: &Interpreter<'_, B, R>,
-        pairing: &Pairing<'_>,
+        mapping: &StateMapping<'_>,
     ) -> TakenOver {
         let tables = self.verified.tables();
         let other = (&before.machine, R::blob(before.verified.tables().bytes()));
         let states = tables.state_count();
-        (self.machine).take_over(R::blob(tables.bytes()), other, pairing, states)
+        (self.machine).take_over(R::blob(tables.bytes()), other, mapping, states)
     }
 
     /// Whether an active task state inside a superstate is busy: the superstate's busy flag, which
@@ -433,8 +433,9 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         Ok(resumed)
     }
 
-    /// Turns a bit of [`Self::input_words`] over, as a task or the end of a slot-0 run did. False,
-    /// and nothing changes, if it is no flag of a task and no enable bit. Between macro steps only.
+    /// Turns a bit of [`Self::input_words`] over, as a task or the end of a background run did.
+    /// False, and nothing changes, if it is no flag of a task and no enable bit. Between macro
+    /// steps only.
     pub fn toggle_input(&mut self, bit: usize) -> bool {
         self.machine.toggle_input(&self.verified.tables(), bit)
     }

@@ -51,10 +51,10 @@ pub mod dispatcher;
 pub mod format;
 mod interpreter;
 pub mod layout;
-mod pairing;
 pub mod reads;
 mod refusal;
 pub mod signature;
+mod state_mapping;
 pub mod tables;
 pub mod texts;
 mod verify;
@@ -65,6 +65,6 @@ pub use interpreter::{
     ArenaTooSmall, Fault, Interpreter, MAX_MICRO_STEPS, MAX_STEPS, Observer, Progress, ResumeError,
     StepSummary, TakenOver, TransitionTaken,
 };
-pub use pairing::{Pairing, TooManyPairs};
 pub use refusal::{Cause, Refusal};
+pub use state_mapping::{MappingTooLarge, StateMapping};
 pub use verify::{Verified, verify};

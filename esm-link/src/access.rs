@@ -72,7 +72,7 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::TaskCounters { .. }
         | Request::Subscribe { .. }
         | Request::Watch { .. }
-        | Request::LastWords
+        | Request::CrashReport
         | Request::BlackBox { .. }
         | Request::Param { .. }
         | Request::Clock

@@ -1,4 +1,4 @@
-//! Records of the flight recorder, as a robot sends them with
+//! Records of the black box, as a robot sends them with
 //! [`Response::BlackBox`](crate::message::Response::BlackBox).
 
 use crate::message::{Mode, ResetReason};
@@ -40,8 +40,8 @@ pub enum Event {
         /// How long it took, in µs; 65,535 stands for more, too.
         took_us: u16,
     },
-    /// Occurrences of a slot did not start within their period.
-    Missed {
+    /// Activations of a slot did not start within their period.
+    DeadlineMiss {
         /// Index of the slot in the mission's blob; 255 stands for more, too.
         slot: u8,
         /// How many.
@@ -67,7 +67,7 @@ mod kind {
     pub const TRANSITION: u8 = 4;
     pub const MODE: u8 = 5;
     pub const OVERRUN: u8 = 6;
-    pub const MISSED: u8 = 7;
+    pub const DEADLINE_MISS: u8 = 7;
 }
 
 impl Event {
@@ -88,7 +88,7 @@ impl Event {
                 task_instance,
                 took_us,
             } => (kind::OVERRUN, 0, pair(task_instance, took_us)),
-            Event::Missed { slot, count } => (kind::MISSED, slot, count),
+            Event::DeadlineMiss { slot, count } => (kind::DEADLINE_MISS, slot, count),
         }
     }
 
@@ -111,7 +111,7 @@ impl Event {
                 task_instance: high,
                 took_us: low,
             },
-            kind::MISSED => Event::Missed {
+            kind::DEADLINE_MISS => Event::DeadlineMiss {
                 slot: small,
                 count: large,
             },

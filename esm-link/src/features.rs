@@ -11,8 +11,8 @@ pub enum Feature {
     Record = 0,
     /// What the firmware logs is kept until the link has sent it.
     Log = 1,
-    /// The robot tells news.
-    News = 2,
+    /// The robot tells status events.
+    StatusEvent = 2,
     /// Parameters can be read and changed.
     Params = 3,
     /// A mission can take over warm.
@@ -21,7 +21,7 @@ pub enum Feature {
     Keys = 5,
     /// Missions, values of parameters and stops outlast a loss of power.
     Store = 6,
-    /// The flight recorder has room for records.
+    /// The black box has room for records.
     BlackBox = 7,
     /// Values on nets can be read.
     Telemetry = 8,
@@ -32,7 +32,7 @@ impl Feature {
     pub const ALL: [Feature; 9] = [
         Feature::Record,
         Feature::Log,
-        Feature::News,
+        Feature::StatusEvent,
         Feature::Params,
         Feature::Warm,
         Feature::Keys,
@@ -46,7 +46,7 @@ impl Feature {
         match self {
             Feature::Record => "record",
             Feature::Log => "log",
-            Feature::News => "news",
+            Feature::StatusEvent => "news",
             Feature::Params => "params",
             Feature::Warm => "warm",
             Feature::Keys => "keys",

@@ -133,7 +133,7 @@ pub fn unpack(frame: &mut [u8]) -> Result<&[u8], FrameError> {
         .and_then(<[u8]>::split_last_chunk::<CRC_BYTES>)
         .filter(|(message, _)| !message.is_empty())
         .ok_or(FrameError::WrongChecksum)?;
-    if checksum(message) != u32::from_le_bytes(*crc) && !planted!(FrameUnchecked) {
+    if checksum(message) != u32::from_le_bytes(*crc) && !mutant!(FrameUnchecked) {
         return Err(FrameError::WrongChecksum);
     }
     Ok(message)
@@ -178,7 +178,7 @@ impl FrameReader {
     /// frames and such that are longer than frames can be are passed over.
     pub fn push(&mut self, byte: u8) -> Option<&mut [u8]> {
         if byte == DELIMITER {
-            if planted!(OutOfStep) && self.overflow {
+            if mutant!(OutOfStep) && self.overflow {
                 return None;
             }
             let len = usize::from(core::mem::take(&mut self.len));
@@ -194,7 +194,7 @@ impl FrameReader {
                 *place = byte;
                 self.len += 1;
             }
-            None => self.overflow = !planted!(OverlongTaken),
+            None => self.overflow = !mutant!(OverlongTaken),
         }
         None
     }

@@ -3,13 +3,13 @@
 use crate::access::{KEY_BYTES, SALT_BYTES, SECRET_BYTES};
 use crate::message::LinkError;
 
-/// Bytes of [`KeyRecord::Key`].
-pub const KEY_RECORD_BYTES: usize = KEY_BYTES + SALT_BYTES + SECRET_BYTES;
+/// Bytes of [`StoredKey::Key`].
+pub const STORED_KEY_BYTES: usize = KEY_BYTES + SALT_BYTES + SECRET_BYTES;
 
 /// What is kept through resets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum KeyRecord {
-    /// The public key, the salt and the secret: [`KEY_RECORD_BYTES`]. None where there is no key.
+pub enum StoredKey {
+    /// The public key, the salt and the secret: [`STORED_KEY_BYTES`]. None where there is no key.
     Key,
     /// The counter of the last upload that was accepted: 8 bytes, little endian.
     Counter,
@@ -19,13 +19,13 @@ pub enum KeyRecord {
 
 /// A record could not be read or written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct NotKept;
+pub struct NotStored;
 
 /// Why a record was not written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WriteError {
     /// The flash did not take it, or there is damage.
-    NotKept,
+    NotStored,
     /// The flash was erased too often of late.
     Budget {
         /// Seconds until it may be tried again.
@@ -33,18 +33,18 @@ pub enum WriteError {
     },
 }
 
-impl core::fmt::Display for NotKept {
+impl core::fmt::Display for NotStored {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str("the record cannot be read or written")
     }
 }
 
-impl core::error::Error for NotKept {}
+impl core::error::Error for NotStored {}
 
 impl core::fmt::Display for WriteError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            WriteError::NotKept => f.write_str("the flash did not take the record"),
+            WriteError::NotStored => f.write_str("the flash did not take the record"),
             WriteError::Budget { s } => {
                 write!(
                     f,
@@ -57,9 +57,9 @@ impl core::fmt::Display for WriteError {
 
 impl core::error::Error for WriteError {}
 
-impl From<NotKept> for WriteError {
-    fn from(_: NotKept) -> Self {
-        WriteError::NotKept
+impl From<NotStored> for WriteError {
+    fn from(_: NotStored) -> Self {
+        WriteError::NotStored
     }
 }
 
@@ -69,25 +69,25 @@ pub trait KeyStore {
     /// an empty one.
     ///
     /// # Errors
-    /// [`NotKept`]: there may be one, and it cannot be read, or has no room.
-    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept>;
+    /// [`NotStored`]: there may be one, and it cannot be read, or has no room.
+    fn read(&mut self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored>;
 
     /// Replaces a record. When it returns, the new one outlasts a loss of power; cut before, the
     /// old one stays as it was.
     ///
     /// # Errors
-    /// [`WriteError::NotKept`]: the old one may have stayed. [`WriteError::Budget`]: it has.
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError>;
+    /// [`WriteError::NotStored`]: the old one may have stayed. [`WriteError::Budget`]: it has.
+    fn write(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError>;
 
-    /// Where the records cannot be read: reads the [key record](KeyRecord::Key) that was written
+    /// Where the records cannot be read: reads the [key record](StoredKey::Key) that was written
     /// last into the beginning of `room`. Answers its length; 0 where it is certain that there was
     /// none.
     ///
     /// # Errors
-    /// [`NotKept`]: it is not known, or has no room; or a board keeps no such thing.
-    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
+    /// [`NotStored`]: it is not known, or has no room; or a board keeps no such thing.
+    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotStored> {
         let _ = room;
-        Err(NotKept)
+        Err(NotStored)
     }
 
     /// Where the records cannot be read: writes them anew, with this key record and an emergency
@@ -99,7 +99,7 @@ pub trait KeyStore {
     /// They are damaged as before; or new ones are there all the same, and can be read.
     fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
         let _ = key;
-        Err(WriteError::NotKept)
+        Err(WriteError::NotStored)
     }
 }
 
@@ -107,7 +107,7 @@ pub trait KeyStore {
 /// tests.
 #[derive(Clone, Debug, Default)]
 pub struct Volatile {
-    key: Option<[u8; KEY_RECORD_BYTES]>,
+    key: Option<[u8; STORED_KEY_BYTES]>,
     counter: Option<[u8; 8]>,
     starts: Option<[u8; 8]>,
 }
@@ -116,15 +116,15 @@ impl Volatile {
     /// Reads a record, as [`KeyStore::read`] does.
     ///
     /// # Errors
-    /// [`NotKept`]: it has no room.
-    pub fn read(&self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+    /// [`NotStored`]: it has no room.
+    pub fn read(&self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
         let kept = match record {
-            KeyRecord::Key => self.key.as_ref().map(<[u8; _]>::as_slice),
-            KeyRecord::Counter => self.counter.as_ref().map(<[u8; _]>::as_slice),
-            KeyRecord::Starts => self.starts.as_ref().map(<[u8; _]>::as_slice),
+            StoredKey::Key => self.key.as_ref().map(<[u8; _]>::as_slice),
+            StoredKey::Counter => self.counter.as_ref().map(<[u8; _]>::as_slice),
+            StoredKey::Starts => self.starts.as_ref().map(<[u8; _]>::as_slice),
         }
         .unwrap_or_default();
-        let room = room.get_mut(..kept.len()).ok_or(NotKept)?;
+        let room = room.get_mut(..kept.len()).ok_or(NotStored)?;
         room.copy_from_slice(kept);
         Ok(kept.len())
     }
@@ -132,18 +132,18 @@ impl Volatile {
     /// Replaces a record, as [`KeyStore::write`] does.
     ///
     /// # Errors
-    /// [`NotKept`]: it has another length than that kind has.
-    pub fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
-        fn kept<const N: usize>(bytes: &[u8]) -> Result<Option<[u8; N]>, NotKept> {
+    /// [`NotStored`]: it has another length than that kind has.
+    pub fn write(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), NotStored> {
+        fn kept<const N: usize>(bytes: &[u8]) -> Result<Option<[u8; N]>, NotStored> {
             if bytes.is_empty() {
                 return Ok(None);
             }
-            bytes.try_into().map(Some).map_err(|_| NotKept)
+            bytes.try_into().map(Some).map_err(|_| NotStored)
         }
         match record {
-            KeyRecord::Key => self.key = kept(bytes)?,
-            KeyRecord::Counter => self.counter = kept(bytes)?,
-            KeyRecord::Starts => self.starts = kept(bytes)?,
+            StoredKey::Key => self.key = kept(bytes)?,
+            StoredKey::Counter => self.counter = kept(bytes)?,
+            StoredKey::Starts => self.starts = kept(bytes)?,
         }
         Ok(())
     }
@@ -152,14 +152,14 @@ impl Volatile {
 impl From<WriteError> for LinkError {
     fn from(error: WriteError) -> Self {
         match error {
-            WriteError::NotKept => LinkError::NotKept,
+            WriteError::NotStored => LinkError::NotStored,
             WriteError::Budget { s } => LinkError::FlashBudget { s },
         }
     }
 }
 
-impl From<NotKept> for LinkError {
-    fn from(_: NotKept) -> Self {
-        LinkError::NotKept
+impl From<NotStored> for LinkError {
+    fn from(_: NotStored) -> Self {
+        LinkError::NotStored
     }
 }

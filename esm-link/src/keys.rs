@@ -15,7 +15,7 @@ use crate::access::{
     self, Access, KEY_BYTES, MAX_COUNTER_STEP, NO_UPLOAD, NONCE_BYTES, NONCE_LIFE_US, Recurrence,
     SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
 };
-use crate::key_store::{KEY_RECORD_BYTES, KeyRecord, KeyStore, NotKept, WriteError};
+use crate::key_store::{KeyStore, NotStored, STORED_KEY_BYTES, StoredKey, WriteError};
 use crate::message::{Identity, LinkError};
 pub use crate::proof::Session;
 use crate::proof::{KeyedSecret, Proof, RequestChecker, Secret, is_same, mask};
@@ -152,7 +152,7 @@ impl Keys {
         match self.lock {
             Lock::Locked(owner) | Lock::Recovering(owner) => Ok(owner),
             Lock::Open | Lock::Unread | Lock::Damaged => Err(LinkError::NoKey),
-            Lock::Unreadable => Err(LinkError::NotKept),
+            Lock::Unreadable => Err(LinkError::NotStored),
         }
     }
 
@@ -173,8 +173,8 @@ impl Keys {
         let start = match self.lock {
             Lock::Recovering(_) => 0,
             _ => {
-                let start = number(safe, KeyRecord::Starts)?.wrapping_add(1);
-                safe.write(KeyRecord::Starts, &start.to_le_bytes())?;
+                let start = number(safe, StoredKey::Starts)?.wrapping_add(1);
+                safe.write(StoredKey::Starts, &start.to_le_bytes())?;
                 start
             }
         };
@@ -220,17 +220,17 @@ impl Keys {
         let at_us = given_at_us(robot);
         let age_us = now_us.checked_sub(at_us);
         let is_young = age_us.is_some_and(|age_us| age_us <= NONCE_LIFE_US);
-        if !is_young && !planted!(OldSessionOpened) {
+        if !is_young && !mutant!(OldSessionOpened) {
             return Err(LinkError::NoChallenge);
         }
         let secret = self.keyed(&secret);
         // A robot's nonce that was made up is not worth a session's key.
         let is_nonce_ours = is_same(robot, &session_nonce(secret, start, at_us, client));
-        if !is_nonce_ours && !planted!(SessionUnproven) {
+        if !is_nonce_ours && !mutant!(SessionUnproven) {
             return Err(LinkError::WrongProof);
         }
         let session = secret.session(client, robot);
-        if !is_same(proof, &session.opening()) && !planted!(SessionUnproven) {
+        if !is_same(proof, &session.opening()) && !mutant!(SessionUnproven) {
             return Err(LinkError::WrongProof);
         }
         match &self.session {
@@ -240,7 +240,7 @@ impl Keys {
             Some(open)
                 if !open.is_over
                     && given_at_us(&open.robot) >= at_us
-                    && !planted!(SessionReplayed) =>
+                    && !mutant!(SessionReplayed) =>
             {
                 return Err(LinkError::NoChallenge);
             }
@@ -267,10 +267,10 @@ impl Keys {
         request: &[u8],
     ) -> Result<Recurrence, LinkError> {
         let open = self.session.as_mut().ok_or(LinkError::NoSession)?;
-        if !is_same(proof, &open.checker.of_request(number, request)) && !planted!(ProofUnchecked) {
+        if !is_same(proof, &open.checker.of_request(number, request)) && !mutant!(ProofUnchecked) {
             return Err(LinkError::WrongProof);
         }
-        if number > open.number || planted!(NumberRepeated) {
+        if number > open.number || mutant!(NumberRepeated) {
             if open.is_over {
                 return Err(LinkError::NoSession);
             }
@@ -330,7 +330,7 @@ impl Keys {
     ) -> Result<SignedUpload, LinkError> {
         let Owner { key, salt, .. } = self.owner(safe)?;
         let signature = signature_of(signature)?;
-        let is_old = if planted!(CounterRepeated) {
+        let is_old = if mutant!(CounterRepeated) {
             counter < self.counter
         } else {
             counter <= self.counter
@@ -338,7 +338,7 @@ impl Keys {
         if is_old {
             return Err(LinkError::OldCounter { last: self.counter });
         }
-        if counter - self.counter > MAX_COUNTER_STEP && !planted!(CounterUnlimited) {
+        if counter - self.counter > MAX_COUNTER_STEP && !mutant!(CounterUnlimited) {
             return Err(LinkError::CounterTooFar { last: self.counter });
         }
         let counter_bytes = counter.to_le_bytes();
@@ -360,10 +360,10 @@ impl Keys {
         let Owner { key, .. } = self.owner(safe)?;
         let signature = signature_of(signature)?;
         let nonce = self.nonce.take().ok_or(LinkError::NoChallenge)?;
-        if planted!(NonceKept) {
+        if mutant!(NonceKept) {
             self.nonce = Some(nonce);
         }
-        if now_us > nonce.until_us && !planted!(NonceForEver) {
+        if now_us > nonce.until_us && !mutant!(NonceForEver) {
             return Err(LinkError::NoChallenge);
         }
         let upload = upload.map_or(&NO_UPLOAD, |upload| &upload.signature);
@@ -394,7 +394,7 @@ impl Keys {
             (Lock::Locked(_) | Lock::Recovering(_), Some(open)) => mask(sent, &open.session, &salt),
             _ => sent,
         };
-        let mut record = [0; KEY_RECORD_BYTES];
+        let mut record = [0; STORED_KEY_BYTES];
         let bytes = key.iter().chain(&salt).chain(&secret.0);
         for (place, byte) in record.iter_mut().zip(bytes) {
             *place = *byte;
@@ -404,7 +404,7 @@ impl Keys {
             // Signatures of before hold another salt.
             self.counter = 0;
         } else {
-            self.write(safe, KeyRecord::Key, &record)?;
+            self.write(safe, StoredKey::Key, &record)?;
         }
         self.lock = Lock::Locked(Owner { key, salt, secret });
         self.end_session();
@@ -414,7 +414,7 @@ impl Keys {
     /// Forgets the key. The counter stays: an old upload is no newer for it.
     pub fn remove(&mut self, safe: &mut dyn KeyStore) -> Result<(), LinkError> {
         self.owner(safe)?;
-        self.write(safe, KeyRecord::Key, &[])?;
+        self.write(safe, StoredKey::Key, &[])?;
         self.lock = Lock::Open;
         self.end_session();
         Ok(())
@@ -426,7 +426,7 @@ impl Keys {
         safe: &mut dyn KeyStore,
         upload: &SignedUpload,
     ) -> Result<(), LinkError> {
-        self.write(safe, KeyRecord::Counter, &upload.counter.to_le_bytes())?;
+        self.write(safe, StoredKey::Counter, &upload.counter.to_le_bytes())?;
         self.counter = upload.counter;
         Ok(())
     }
@@ -436,7 +436,7 @@ impl Keys {
     fn write(
         &mut self,
         safe: &mut dyn KeyStore,
-        record: KeyRecord,
+        record: StoredKey,
         bytes: &[u8],
     ) -> Result<(), WriteError> {
         let written = safe.write(record, bytes);
@@ -473,7 +473,7 @@ impl Keys {
         if is_signed(key, signature, message) {
             return Ok(());
         }
-        if !planted!(PauseForgotten) {
+        if !mutant!(PauseForgotten) {
             self.closed_until_us = now_us.saturating_add(PAUSE_AFTER_WRONG_US);
         }
         Err(LinkError::WrongSignature)
@@ -555,12 +555,12 @@ fn given_at_us(nonce: &[u8; NONCE_BYTES]) -> u64 {
 }
 
 /// A record that is a number; 0 where there is none.
-fn number(safe: &mut dyn KeyStore, record: KeyRecord) -> Result<u64, NotKept> {
+fn number(safe: &mut dyn KeyStore, record: StoredKey) -> Result<u64, NotStored> {
     let mut bytes = [0; size_of::<u64>()];
     match safe.read(record, &mut bytes)? {
         0 => Ok(0),
         8 => Ok(u64::from_le_bytes(bytes)),
-        _ => Err(NotKept),
+        _ => Err(NotStored),
     }
 }
 
@@ -568,37 +568,37 @@ fn number(safe: &mut dyn KeyStore, record: KeyRecord) -> Result<u64, NotKept> {
 fn read(safe: &mut dyn KeyStore) -> (Lock, u64) {
     match read_records(safe) {
         Ok(kept) => kept,
-        Err(NotKept) => (remembered(safe), u64::MAX),
+        Err(NotStored) => (remembered(safe), u64::MAX),
     }
 }
 
 /// Who may have the records begun anew, where they cannot be read.
 fn remembered(safe: &mut dyn KeyStore) -> Lock {
-    let mut bytes = [0; KEY_RECORD_BYTES];
+    let mut bytes = [0; STORED_KEY_BYTES];
     match safe.remembered_key(&mut bytes) {
         Ok(0) => Lock::Damaged,
-        Ok(KEY_RECORD_BYTES) => owner_of(&bytes).map_or(Lock::Unreadable, Lock::Recovering),
+        Ok(STORED_KEY_BYTES) => owner_of(&bytes).map_or(Lock::Unreadable, Lock::Recovering),
         // Where nobody knows whether there is a key, nobody may.
         _ => Lock::Unreadable,
     }
 }
 
-fn read_records(safe: &mut dyn KeyStore) -> Result<(Lock, u64), NotKept> {
-    let mut bytes = [0; KEY_RECORD_BYTES];
-    let lock = match safe.read(KeyRecord::Key, &mut bytes)? {
+fn read_records(safe: &mut dyn KeyStore) -> Result<(Lock, u64), NotStored> {
+    let mut bytes = [0; STORED_KEY_BYTES];
+    let lock = match safe.read(StoredKey::Key, &mut bytes)? {
         0 => Lock::Open,
-        KEY_RECORD_BYTES => Lock::Locked(owner_of(&bytes)?),
-        _ => return Err(NotKept),
+        STORED_KEY_BYTES => Lock::Locked(owner_of(&bytes)?),
+        _ => return Err(NotStored),
     };
-    Ok((lock, number(safe, KeyRecord::Counter)?))
+    Ok((lock, number(safe, StoredKey::Counter)?))
 }
 
-fn owner_of(record: &[u8; KEY_RECORD_BYTES]) -> Result<Owner, NotKept> {
-    let (key, rest) = record.split_first_chunk().ok_or(NotKept)?;
-    let (salt, secret) = rest.split_first_chunk().ok_or(NotKept)?;
+fn owner_of(record: &[u8; STORED_KEY_BYTES]) -> Result<Owner, NotStored> {
+    let (key, rest) = record.split_first_chunk().ok_or(NotStored)?;
+    let (salt, secret) = rest.split_first_chunk().ok_or(NotStored)?;
     Ok(Owner {
         key: *key,
         salt: *salt,
-        secret: Secret(secret.try_into().map_err(|_| NotKept)?),
+        secret: Secret(secret.try_into().map_err(|_| NotStored)?),
     })
 }

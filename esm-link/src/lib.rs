@@ -30,13 +30,13 @@
 
 /// Whether this mutant is active. Only tests have mutants: each must make them fail.
 #[cfg(feature = "mutants")]
-macro_rules! planted {
+macro_rules! mutant {
     ($bug:ident) => {
-        crate::mutants::is_planted(crate::mutants::Bug::$bug)
+        crate::mutants::is_mutant(crate::mutants::Bug::$bug)
     };
 }
 #[cfg(not(feature = "mutants"))]
-macro_rules! planted {
+macro_rules! mutant {
     ($bug:ident) => {
         false
     };
@@ -62,4 +62,4 @@ pub mod recording;
 pub mod telemetry;
 pub mod trace;
 
-pub use message::{news, trial};
+pub use message::{status_event, trial};

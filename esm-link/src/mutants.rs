@@ -64,7 +64,7 @@ thread_local! {
 }
 
 /// Whether this defect is planted in this thread.
-pub fn is_planted(bug: Bug) -> bool {
+pub fn is_mutant(bug: Bug) -> bool {
     PLANTED.get() == Some(bug)
 }
 

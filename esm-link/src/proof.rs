@@ -153,7 +153,7 @@ impl Session {
     }
 
     /// The proof of an answer, by the number of the request and the bytes of the message
-    /// [behind the proof](crate::message::PROVEN_HEAD_BYTES).
+    /// [behind the proof](crate::message::PROVEN_HEADER_BYTES).
     pub fn of_answer(&self, number: u32, answer: &[u8]) -> Proof {
         cut(&mac(&self.key, &ANSWER, &[&number.to_le_bytes(), answer]))
     }

@@ -23,8 +23,8 @@ use crate::trace::{RecordSink, TraceError, byte, hash, put_number, take};
 pub const MAX_QUIET: u32 = 128;
 
 /// Bytes of [`Recorded::State`] at most beside its words, and of each word.
-pub const STATE_HEAD_BYTES: usize = 1 + 1 + 4 + 10 + 10 + 5 + 1 + 3;
-/// See [`STATE_HEAD_BYTES`].
+pub const STATE_HEADER_BYTES: usize = 1 + 1 + 4 + 10 + 10 + 5 + 1 + 3;
+/// See [`STATE_HEADER_BYTES`].
 pub const STATE_WORD_BYTES: usize = 5;
 
 /// Something that entered the interpreter.
@@ -55,7 +55,7 @@ pub enum Recorded<'a> {
         /// When, in microseconds since the first macro step of the first mission.
         start_us: u64,
     },
-    /// Macro steps were left out before the next one: their occurrences were missed.
+    /// Macro steps were left out before the next one: their activations were missed.
     Skipped {
         /// Macro steps before that without a change.
         quiet: u32,

@@ -13,12 +13,12 @@ use crate::message::{Capacity, LinkError, MAX_STREAM_BYTES};
 /// Bytes of a word.
 pub const WORD_BYTES: usize = 4;
 /// Words before the values: what it is, of which nets, and when it was.
-pub const HEAD_WORDS: usize = 4;
+pub const HEADER_WORDS: usize = 4;
 /// Words that the values of all nets of a sample have room for, so that it is one part. So many
 /// nets can be asked for, too.
-pub const MAX_VALUE_WORDS: usize = MAX_STREAM_BYTES / WORD_BYTES - HEAD_WORDS;
+pub const MAX_VALUE_WORDS: usize = MAX_STREAM_BYTES / WORD_BYTES - HEADER_WORDS;
 /// Words of a sample.
-pub const SAMPLE_WORDS: usize = HEAD_WORDS + MAX_VALUE_WORDS;
+pub const SAMPLE_WORDS: usize = HEADER_WORDS + MAX_VALUE_WORDS;
 /// Bytes of a number in an [`Ask`].
 const NUMBER_BYTES: usize = 2;
 /// Greatest number of bytes of an [`Ask`].
@@ -123,7 +123,7 @@ impl<'a> Ask<'a> {
                 net: first,
                 offset: u16::from_le_bytes(*offset),
             }),
-            ([1, 0], nets) if nets.len() > MAX_VALUE_WORDS && !planted!(ValuesUnlimited) => {
+            ([1, 0], nets) if nets.len() > MAX_VALUE_WORDS && !mutant!(ValuesUnlimited) => {
                 Err(LinkError::CapacityExceeded {
                     what: Capacity::Nets,
                     needed: nets.len() as u32,

@@ -8,7 +8,7 @@
 
 /// Something that happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum TraceRecord<'a> {
+pub enum TraceEvent<'a> {
     /// A mission starts; its first macro step is next.
     Started {
         /// Its hash.
@@ -16,8 +16,8 @@ pub enum TraceRecord<'a> {
         /// When, in microseconds since the first macro step of the first mission.
         start_us: u64,
     },
-    /// A transition was taken, in the macro step that the next [`Step`](TraceRecord::Step),
-    /// [`Same`](TraceRecord::Same) or [`Fault`](TraceRecord::Fault) ends.
+    /// A transition was taken, in the macro step that the next [`Step`](TraceEvent::Step),
+    /// [`Same`](TraceEvent::Same) or [`Fault`](TraceEvent::Fault) ends.
     Transition {
         /// Events of the macro step before this one.
         micro: u8,
@@ -50,19 +50,19 @@ pub enum TraceRecord<'a> {
         code: FaultCode,
     },
     /// A run in slot 0 started.
-    JobStarted {
+    BackgroundRunStarted {
         /// The task instance.
         task_instance: u16,
-        /// The occurrence, counted over all slots since the mission started, at whose end this was.
-        occurrence: u64,
+        /// The activation, counted over all slots since the mission started, at whose end this was.
+        activation: u64,
     },
     /// A run in slot 0 ended.
-    JobEnded {
+    BackgroundRunEnded {
         /// The task instance.
         task_instance: u16,
-        /// The occurrence, counted over all slots since the mission started, at whose start this
+        /// The activation, counted over all slots since the mission started, at whose start this
         /// became known.
-        occurrence: u64,
+        activation: u64,
     },
     /// A task took longer than its slot.
     Overrun {
@@ -71,8 +71,8 @@ pub enum TraceRecord<'a> {
         /// What it took, in microseconds.
         took_us: u32,
     },
-    /// Occurrences of a slot did not start within their period.
-    Missed {
+    /// Activations of a slot did not start within their period.
+    DeadlineMiss {
         /// Index of the slot in the blob.
         slot: u16,
         /// How many.
@@ -194,10 +194,10 @@ mod kind {
     pub const STEP: u8 = 2;
     pub const SAME: u8 = 3;
     pub const FAULT: u8 = 4;
-    pub const JOB_STARTED: u8 = 5;
-    pub const JOB_ENDED: u8 = 6;
+    pub const BACKGROUND_RUN_STARTED: u8 = 5;
+    pub const BACKGROUND_RUN_ENDED: u8 = 6;
     pub const OVERRUN: u8 = 7;
-    pub const MISSED: u8 = 8;
+    pub const DEADLINE_MISS: u8 = 8;
     pub const MOTORS_OFF: u8 = 9;
     pub const FELL_BACK: u8 = 10;
 }
@@ -218,7 +218,7 @@ pub(crate) fn put_number(sink: &mut impl RecordSink, number: impl Into<u64>) {
     sink.put(number as u8);
 }
 
-/// Writes [`TraceRecord::Step`] from iterators: `states` as (region instance, local state),
+/// Writes [`TraceEvent::Step`] from iterators: `states` as (region instance, local state),
 /// `enabled` as task instances, both ordered by index, and cheap to go through twice.
 pub fn write_step(
     sink: &mut impl RecordSink,
@@ -245,18 +245,18 @@ pub fn write_step(
     }
 }
 
-impl<'a> TraceRecord<'a> {
+impl<'a> TraceEvent<'a> {
     /// Writes the record.
     pub fn write(&self, sink: &mut impl RecordSink) {
         match *self {
-            TraceRecord::Started { mission, start_us } => {
+            TraceEvent::Started { mission, start_us } => {
                 sink.put(kind::STARTED);
                 for byte in mission.to_le_bytes() {
                     sink.put(byte);
                 }
                 put_number(sink, start_us);
             }
-            TraceRecord::Transition {
+            TraceEvent::Transition {
                 micro,
                 region_instance,
                 transition,
@@ -266,7 +266,7 @@ impl<'a> TraceRecord<'a> {
                 put_number(sink, region_instance);
                 put_number(sink, transition);
             }
-            TraceRecord::Step {
+            TraceEvent::Step {
                 step,
                 micro_steps,
                 states,
@@ -280,32 +280,32 @@ impl<'a> TraceRecord<'a> {
                     IndicesIter::from(enabled),
                 );
             }
-            TraceRecord::Same { micro_steps } => {
+            TraceEvent::Same { micro_steps } => {
                 sink.put(kind::SAME);
                 sink.put(micro_steps);
             }
-            TraceRecord::Fault { step, code } => {
+            TraceEvent::Fault { step, code } => {
                 sink.put(kind::FAULT);
                 put_number(sink, step);
                 sink.put(code as u8);
             }
-            TraceRecord::JobStarted {
+            TraceEvent::BackgroundRunStarted {
                 task_instance,
-                occurrence,
+                activation,
             } => {
-                sink.put(kind::JOB_STARTED);
+                sink.put(kind::BACKGROUND_RUN_STARTED);
                 put_number(sink, task_instance);
-                put_number(sink, occurrence);
+                put_number(sink, activation);
             }
-            TraceRecord::JobEnded {
+            TraceEvent::BackgroundRunEnded {
                 task_instance,
-                occurrence,
+                activation,
             } => {
-                sink.put(kind::JOB_ENDED);
+                sink.put(kind::BACKGROUND_RUN_ENDED);
                 put_number(sink, task_instance);
-                put_number(sink, occurrence);
+                put_number(sink, activation);
             }
-            TraceRecord::Overrun {
+            TraceEvent::Overrun {
                 task_instance,
                 took_us,
             } => {
@@ -313,16 +313,16 @@ impl<'a> TraceRecord<'a> {
                 put_number(sink, task_instance);
                 put_number(sink, took_us);
             }
-            TraceRecord::Missed { slot, count } => {
-                sink.put(kind::MISSED);
+            TraceEvent::DeadlineMiss { slot, count } => {
+                sink.put(kind::DEADLINE_MISS);
                 put_number(sink, slot);
                 put_number(sink, count);
             }
-            TraceRecord::MotorsOff { reason } => {
+            TraceEvent::MotorsOff { reason } => {
                 sink.put(kind::MOTORS_OFF);
                 sink.put(reason.map_or(0, |reason| reason.saturating_add(1)));
             }
-            TraceRecord::FellBack { mission, reason } => {
+            TraceEvent::FellBack { mission, reason } => {
                 sink.put(kind::FELL_BACK);
                 for byte in mission.to_le_bytes() {
                     sink.put(byte);
@@ -337,18 +337,18 @@ impl<'a> TraceRecord<'a> {
     /// # Errors
     /// See [`TraceError`]. After an error the rest of the bytes means nothing; the next part of the
     /// stream that does not continue a record begins with a new one.
-    pub fn take(bytes: &mut &'a [u8]) -> Result<TraceRecord<'a>, TraceError> {
+    pub fn take(bytes: &mut &'a [u8]) -> Result<TraceEvent<'a>, TraceError> {
         Ok(match byte(bytes)? {
-            kind::STARTED => TraceRecord::Started {
+            kind::STARTED => TraceEvent::Started {
                 mission: hash(bytes)?,
                 start_us: take(bytes)?,
             },
-            kind::TRANSITION => TraceRecord::Transition {
+            kind::TRANSITION => TraceEvent::Transition {
                 micro: byte(bytes)?,
                 region_instance: take(bytes)?,
                 transition: take(bytes)?,
             },
-            kind::STEP => TraceRecord::Step {
+            kind::STEP => TraceEvent::Step {
                 step: take(bytes)?,
                 micro_steps: byte(bytes)?,
                 states: States {
@@ -358,10 +358,10 @@ impl<'a> TraceRecord<'a> {
                     bytes: list(bytes, 1)?,
                 },
             },
-            kind::SAME => TraceRecord::Same {
+            kind::SAME => TraceEvent::Same {
                 micro_steps: byte(bytes)?,
             },
-            kind::FAULT => TraceRecord::Fault {
+            kind::FAULT => TraceEvent::Fault {
                 step: take(bytes)?,
                 code: match byte(bytes)? {
                     0 => FaultCode::EventQueueOverflow,
@@ -369,26 +369,26 @@ impl<'a> TraceRecord<'a> {
                     _ => return Err(TraceError::Unknown),
                 },
             },
-            kind::JOB_STARTED => TraceRecord::JobStarted {
+            kind::BACKGROUND_RUN_STARTED => TraceEvent::BackgroundRunStarted {
                 task_instance: take(bytes)?,
-                occurrence: take(bytes)?,
+                activation: take(bytes)?,
             },
-            kind::JOB_ENDED => TraceRecord::JobEnded {
+            kind::BACKGROUND_RUN_ENDED => TraceEvent::BackgroundRunEnded {
                 task_instance: take(bytes)?,
-                occurrence: take(bytes)?,
+                activation: take(bytes)?,
             },
-            kind::OVERRUN => TraceRecord::Overrun {
+            kind::OVERRUN => TraceEvent::Overrun {
                 task_instance: take(bytes)?,
                 took_us: take(bytes)?,
             },
-            kind::MISSED => TraceRecord::Missed {
+            kind::DEADLINE_MISS => TraceEvent::DeadlineMiss {
                 slot: take(bytes)?,
                 count: take(bytes)?,
             },
-            kind::MOTORS_OFF => TraceRecord::MotorsOff {
+            kind::MOTORS_OFF => TraceEvent::MotorsOff {
                 reason: byte(bytes)?.checked_sub(1),
             },
-            kind::FELL_BACK => TraceRecord::FellBack {
+            kind::FELL_BACK => TraceEvent::FellBack {
                 mission: hash(bytes)?,
                 reason: byte(bytes)?,
             },
@@ -488,7 +488,7 @@ mod tests {
         }
     }
 
-    fn records() -> Vec<(TraceRecord<'static>, usize)> {
+    fn records() -> Vec<(TraceEvent<'static>, usize)> {
         // 3 and 300 regions on, in states 1 and 200; task instances 0 and 129.
         let states = States {
             bytes: &[3, 1, 0xac, 0x02, 0xc8, 0x01],
@@ -498,14 +498,14 @@ mod tests {
         };
         std::vec![
             (
-                TraceRecord::Started {
+                TraceEvent::Started {
                     mission: 0x1234_5678,
                     start_us: 300
                 },
                 7
             ),
             (
-                TraceRecord::Transition {
+                TraceEvent::Transition {
                     micro: 1,
                     region_instance: 2,
                     transition: 3
@@ -513,7 +513,7 @@ mod tests {
                 4
             ),
             (
-                TraceRecord::Transition {
+                TraceEvent::Transition {
                     micro: 255,
                     region_instance: 65_535,
                     transition: 65_535
@@ -521,7 +521,7 @@ mod tests {
                 8
             ),
             (
-                TraceRecord::Step {
+                TraceEvent::Step {
                     step: 5_000_000_000,
                     micro_steps: 2,
                     states,
@@ -529,53 +529,53 @@ mod tests {
                 },
                 18
             ),
-            (TraceRecord::Same { micro_steps: 1 }, 2),
+            (TraceEvent::Same { micro_steps: 1 }, 2),
             (
-                TraceRecord::Fault {
+                TraceEvent::Fault {
                     step: 9,
                     code: FaultCode::EventQueueOverflow
                 },
                 3
             ),
             (
-                TraceRecord::Fault {
+                TraceEvent::Fault {
                     step: 9,
                     code: FaultCode::MacroStepLimit
                 },
                 3
             ),
             (
-                TraceRecord::JobStarted {
+                TraceEvent::BackgroundRunStarted {
                     task_instance: 4,
-                    occurrence: 1 << 40
+                    activation: 1 << 40
                 },
                 8
             ),
             (
-                TraceRecord::JobEnded {
+                TraceEvent::BackgroundRunEnded {
                     task_instance: 4,
-                    occurrence: 17
+                    activation: 17
                 },
                 3
             ),
             (
-                TraceRecord::Overrun {
+                TraceEvent::Overrun {
                     task_instance: 4,
                     took_us: 1_500
                 },
                 4
             ),
-            (TraceRecord::Missed { slot: 1, count: 2 }, 3),
-            (TraceRecord::MotorsOff { reason: None }, 2),
-            (TraceRecord::MotorsOff { reason: Some(3) }, 2),
+            (TraceEvent::DeadlineMiss { slot: 1, count: 2 }, 3),
+            (TraceEvent::MotorsOff { reason: None }, 2),
+            (TraceEvent::MotorsOff { reason: Some(3) }, 2),
             (
-                TraceRecord::MotorsOff {
+                TraceEvent::MotorsOff {
                     reason: Some(EMERGENCY),
                 },
                 2,
             ),
             (
-                TraceRecord::FellBack {
+                TraceEvent::FellBack {
                     mission: 0x8765_4321,
                     reason: 4
                 },
@@ -594,7 +594,7 @@ mod tests {
         }
         let mut rest = &bytes[..];
         for (record, _) in records() {
-            assert_eq!(TraceRecord::take(&mut rest), Ok(record));
+            assert_eq!(TraceEvent::take(&mut rest), Ok(record));
         }
         assert_eq!(rest, []);
     }
@@ -605,11 +605,11 @@ mod tests {
         let enabled = [5, 6, 700];
         let mut bytes = Vec::new();
         write_step(&mut bytes, 1, 1, states.into_iter(), enabled.into_iter());
-        let TraceRecord::Step {
+        let TraceEvent::Step {
             states: s,
             enabled: e,
             ..
-        } = TraceRecord::take(&mut &bytes[..]).unwrap()
+        } = TraceEvent::take(&mut &bytes[..]).unwrap()
         else {
             panic!("a step was written")
         };
@@ -624,7 +624,7 @@ mod tests {
             record.write(&mut bytes);
             for cut in 0..size {
                 assert_eq!(
-                    TraceRecord::take(&mut &bytes[..cut]),
+                    TraceEvent::take(&mut &bytes[..cut]),
                     Err(TraceError::Incomplete),
                     "{record:?} cut at {cut}"
                 );
@@ -633,7 +633,7 @@ mod tests {
                 for value in 0..=255 {
                     let mut changed = bytes.clone();
                     changed[at] = value;
-                    let _ = TraceRecord::take(&mut &changed[..]);
+                    let _ = TraceEvent::take(&mut &changed[..]);
                 }
             }
         }

@@ -15,7 +15,7 @@ use host_tools::compile::NameTable;
 use host_tools::fit::compile_to_fit;
 use host_tools::lang;
 use host_tools::recording::MAX_KEPT_QUIET;
-use host_tools::recording::file::{Frame, Head, write_mark};
+use host_tools::recording::file::{Frame, Header, write_mark};
 use host_tools::time::work_limit;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -53,7 +53,7 @@ fn recording_of(mission: &Path, path: &Path, steps: u32) {
     let mut bytes = Vec::new();
     write_mark(&mut bytes).unwrap();
     for frame in [
-        Frame::Head(Head::default()),
+        Frame::Header(Header::default()),
         Frame::Mission {
             name: "patrol".into(),
             blob,

@@ -4,30 +4,35 @@ use core::sync::atomic::Ordering;
 
 use heapless::spsc::{Consumer, Producer};
 
-use crate::ports::Job;
-use crate::supervision::Signs;
+use crate::ports::BackgroundRun;
+use crate::supervision::Heartbeats;
 use crate::task::Step;
 
-/// Runs slot-0 tasks, one at a time, preempted by every slot. A board polls it from its idle loop.
+/// Runs background tasks, one at a time, preempted by every slot. A board polls it from its idle
+/// loop.
 pub struct Background<'q, 'm> {
-    pub(crate) jobs: Consumer<'q, &'m mut Option<Job<'m>>>,
-    pub(crate) ended: Producer<'q, &'m mut Option<Job<'m>>>,
-    pub(crate) current: Option<&'m mut Option<Job<'m>>>,
-    pub(crate) signs: &'m Signs,
+    pub(crate) background_runs: Consumer<'q, &'m mut Option<BackgroundRun<'m>>>,
+    pub(crate) ended: Producer<'q, &'m mut Option<BackgroundRun<'m>>>,
+    pub(crate) current: Option<&'m mut Option<BackgroundRun<'m>>>,
+    pub(crate) heartbeats: &'m Heartbeats,
 }
 
 impl Background<'_, '_> {
     /// Does one step of the current run, or of the next one. Returns false if there is nothing to
     /// do: time to sleep until an interrupt.
     pub fn poll(&mut self) -> bool {
-        self.signs.slot_0.store(true, Ordering::Relaxed);
-        let Some(place) = self.current.take().or_else(|| self.jobs.dequeue()) else {
+        self.heartbeats.background.store(true, Ordering::Relaxed);
+        let Some(place) = self
+            .current
+            .take()
+            .or_else(|| self.background_runs.dequeue())
+        else {
             return false;
         };
         let ended = place
             .as_mut()
-            .is_none_or(|job| job.step() == Step::Finished);
-        // There is one job, so that there is room for it.
+            .is_none_or(|background_run| background_run.step() == Step::Finished);
+        // There is one background run, so that there is room for it.
         self.current = if ended {
             self.ended.enqueue(place).err()
         } else {
@@ -38,6 +43,6 @@ impl Background<'_, '_> {
 
     /// Whether a run is under way, or waits to be begun.
     pub fn is_busy(&self) -> bool {
-        self.current.is_some() || self.jobs.ready()
+        self.current.is_some() || self.background_runs.ready()
     }
 }

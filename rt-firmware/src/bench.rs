@@ -3,7 +3,7 @@
 use std::boxed::Box;
 
 use crate::features::MISSIONS;
-use crate::ports::{Bank, Buffered, Executor, Inputs, Net, Outcome, TaskPlace, assemble};
+use crate::ports::{Buffered, Executor, Inputs, Net, Outcome, TaskPlace, TaskPool, assemble};
 use crate::registry::nets;
 use crate::task::{
     In, InFlag, InOut, MAX_DATA_PORTS, OptIn, OptInOut, Out, OutFlag, Param, ParamType, PortType,
@@ -82,9 +82,9 @@ impl<'a> TaskBench<'a> {
     /// # Panics
     /// If the task's port types contradict each other.
     pub fn new<T: Task + 'a>(task: T) -> Self {
-        let bank: &'a mut Bank<T, 1> = Box::leak(Box::new(Bank::new([task])));
-        let banks: &'a mut [&'a mut (dyn crate::TaskBank + 'a)] =
-            Box::leak(Box::new([bank as &mut (dyn crate::TaskBank + 'a)]));
+        let bank: &'a mut TaskPool<T, 1> = Box::leak(Box::new(TaskPool::new([task])));
+        let banks: &'a mut [&'a mut (dyn crate::AnyTaskPool + 'a)] =
+            Box::leak(Box::new([bank as &mut (dyn crate::AnyTaskPool + 'a)]));
         let nets: &'a mut [[Net; MAX_DATA_PORTS]; MISSIONS] =
             Box::leak(Box::new(nets::<MAX_DATA_PORTS>()));
         let executor = match assemble(banks, nets) {
@@ -146,7 +146,7 @@ impl<'a> TaskBench<'a> {
         self
     }
 
-    /// Sets what the runtime has counted of all slots: overruns and missed occurrences.
+    /// Sets what the runtime has counted of all slots: overruns and deadline misses.
     pub fn counted(&mut self, overruns: u32, missed: u32) -> &mut Self {
         self.inputs.overruns = overruns;
         self.inputs.missed = missed;

@@ -1,4 +1,4 @@
-//! The flight recorder: what happened last, in RAM that survives a reset.
+//! The black box: what happened last, in RAM that survives a reset.
 //!
 //! Records stand in two rings, so that a machine that changes its state in each macro step does not
 //! wash away why the robot stopped: one ring for transitions, one for all else. A record has a
@@ -267,7 +267,7 @@ mod tests {
             task_instance: 9,
             took_us: 40_000,
         },
-        Event::Missed {
+        Event::DeadlineMiss {
             slot: 3,
             count: 1 << 30,
         },

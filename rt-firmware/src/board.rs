@@ -11,7 +11,7 @@ pub trait Board {
     const TICKS_PER_US: u32;
 
     /// How far ahead a mission starts that follows no other, in µs: longer than its tables take to
-    /// be made, so that its first occurrence is on time.
+    /// be made, so that its first activation is on time.
     const START_LEAD_US: u32 = 5_000;
 
     /// Ticks since the board started. Never goes back and never wraps.
@@ -24,31 +24,31 @@ pub trait Board {
         self.now_ticks() as u32
     }
 
-    /// An occurrence of a slot begins; nothing of it was executed yet. This is where a simulated
+    /// An activation of a slot begins; nothing of it was executed yet. This is where a simulated
     /// body is asked for its sensors.
     ///
     /// # Errors
     /// Why the robot must go to its safe state.
-    fn begin_occurrence(&mut self, _occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
+    fn begin_activation(&mut self, _occurrence: &ActivationStart) -> Result<(), SafeReason> {
         Ok(())
     }
 
     /// All are alive who should be: slots, link, slot 0 ([`supervision`](crate::supervision) says
     /// what of each). Called at least each 100 ms, with and without a mission; the watchdog's time
-    /// must be longer than that, and longer than the longest occurrence.
+    /// must be longer than that, and longer than the longest activation.
     fn feed_watchdog(&mut self) {}
 
     /// Whether somebody presses the emergency stop: a button on a pin, if the board has one
-    /// ([`WithStopButton`] gives it one). Asked before each occurrence of a slot, and at least each
+    /// ([`WithStopButton`] gives it one). Asked before each activation of a slot, and at least each
     /// 20 ms; whoever lets go of it releases nothing.
     #[cfg_attr(feature = "speed", inline(always))]
     fn is_emergency_stop_pressed(&mut self) -> bool {
         false
     }
 
-    /// Stops all that moves. Called when the robot stops, again in each occurrence of the
+    /// Stops all that moves. Called when the robot stops, again in each activation of the
     /// interpreter's slot until it starts, and now and then while there is no mission. After an
-    /// emergency stop it comes before each [`begin_occurrence`](Self::begin_occurrence).
+    /// emergency stop it comes before each [`begin_activation`](Self::begin_activation).
     fn motors_off(&mut self);
 }
 
@@ -87,8 +87,8 @@ impl<B: Board, P: InputPin> Board for WithStopButton<B, P> {
     }
 
     #[cfg_attr(feature = "speed", inline(always))]
-    fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
-        self.board.begin_occurrence(occurrence)
+    fn begin_activation(&mut self, activation: &ActivationStart) -> Result<(), SafeReason> {
+        self.board.begin_activation(activation)
     }
 
     #[cfg_attr(feature = "speed", inline(always))]
@@ -109,19 +109,19 @@ impl<B: Board, P: InputPin> Board for WithStopButton<B, P> {
     }
 }
 
-/// The beginning of an occurrence. Times are nominal, in microseconds since the first macro step of
+/// The beginning of an activation. Times are nominal, in microseconds since the first macro step of
 /// the first mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct OccurrenceStart {
+pub struct ActivationStart {
     /// Index of the slot in the running mission's blob.
     pub slot: usize,
-    /// Occurrences of all slots since the mission started, before this one.
+    /// Activations of all slots since the mission started, before this one.
     pub number: u64,
-    /// Start of this occurrence.
+    /// Start of this activation.
     pub start_us: u64,
     /// The same on the board's clock, in ticks since the board started.
     pub start_ticks: u64,
-    /// End of the occurrence before, which is when what its tasks wrote takes effect; equal to
+    /// End of the activation before, which is when what its tasks wrote takes effect; equal to
     /// `start_us` in the first one.
     pub previous_end_us: u64,
     /// Whether this slot runs the interpreter.

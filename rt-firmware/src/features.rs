@@ -19,7 +19,7 @@ pub const WARM: bool = cfg!(feature = "warm");
 pub const PARAMS: bool = cfg!(feature = "params");
 
 /// The robot tells news by itself, where a host wants them (feature `news`).
-pub const NEWS: bool = cfg!(feature = "news");
+pub const STATUS_EVENTS: bool = cfg!(feature = "news");
 
 /// What enters the interpreter can be recorded over the link (feature `record`).
 pub const RECORD: bool = cfg!(feature = "record");
@@ -27,8 +27,8 @@ pub const RECORD: bool = cfg!(feature = "record");
 /// Values on nets can be read while the mission runs (feature `telemetry`).
 pub const TELEMETRY: bool = cfg!(feature = "telemetry");
 
-/// From one occurrence to the next time is counted in 32 bits (feature `speed`). Without it, the
-/// whole clock is looked at after each occurrence, which takes longer and less flash.
+/// From one activation to the next time is counted in 32 bits (feature `speed`). Without it, the
+/// whole clock is looked at after each activation, which takes longer and less flash.
 pub const SPEED: bool = cfg!(feature = "speed");
 
 /// Missions whose tables, tasks and nets are there at the same time: where one takes over from

@@ -3,23 +3,24 @@
 //!
 //! A value is stored once, in a buffer of the output port that wrote it, and is never copied on its
 //! way to its readers. An output port has two buffers: one that its net refers to, and another, for
-//! what a slot-0 run reads or writes meanwhile. A real-time task writes over its last value, as
+//! what a background run reads or writes meanwhile. A real-time task writes over its last value, as
 //! long as nobody reads that. A port of a task that may read its own output has three
 //! ([`buffers_for`]).
 //!
 //! # Invariants
 //! The `unsafe` below rests on these, each kept by this file alone:
 //!
-//! 1. **One owner.** [`assemble`] borrows every [`Bank`] mutably for as long as its [`Executor`]
-//!    lives, and an executor cannot be cloned: all access to the tasks and buffers of a bank goes
-//!    through one executor and the one [`Job`] that it has lent.
-//! 2. **Lent is gone.** While a job is out, the executor does not touch the job's task, nor write
-//!    into a buffer that the job refers to, nor hand out a second job.
-//! 3. **Published or pinned is constant.** A buffer that a net refers to or that a job reads (its
-//!    pins) is never given to a task for writing. The one exception is a real-time task's own
-//!    output and `inout`: a value is changed in place if no job reads it and the same task does not
-//!    read it through another port; nobody else can be reading it, since real-time tasks never
-//!    preempt each other.
+//! 1. **One owner.** [`assemble`] borrows every [`TaskPool`] mutably for as long as its
+//!    [`Executor`] lives, and an executor cannot be cloned: all access to the tasks and buffers of
+//!    a bank goes through one executor and the one [`BackgroundRun`] that it has lent.
+//! 2. **Lent is gone.** While a background run is out, the executor does not touch the background
+//!    run's task, nor write into a buffer that the background run refers to, nor hand out a second
+//!    background run.
+//! 3. **Published or pinned is constant.** A buffer that a net refers to or that a background run
+//!    reads (its pins) is never given to a task for writing. The one exception is a real-time
+//!    task's own output and `inout`: a value is changed in place if no background run reads it and
+//!    the same task does not read it through another port; nobody else can be reading it, since
+//!    real-time tasks never preempt each other.
 //! 4. **Types are known.** Each value carries the `Kind` of what is in its buffer. It is compared
 //!    with the port's when a task instance is executed, and the port's with the handle's at each
 //!    access.
@@ -43,9 +44,9 @@ use esm_link::message::SafeReason;
 
 /// Buffers of one output port.
 ///
-/// One of them is published, on one net. A slot-0 run may have pinned one, which need not be the
-/// same; then the published one is written over by a real-time task, for nobody reads it. A slot-0
-/// run writes one that is not published. So two are enough, unless the task may find what it
+/// One of them is published, on one net. A background run may have pinned one, which need not be
+/// the same; then the published one is written over by a real-time task, for nobody reads it. A
+/// slot-0 run writes one that is not published. So two are enough, unless the task may find what it
 /// published on another of its ports while it writes the next value.
 const BUFFERS: usize = 2;
 
@@ -67,14 +68,15 @@ pub const fn buffers_for(direction: &str, type_name: &str, ports: &[(&str, &str)
 
 /// What is known of a buffer's use. Only the executor looks at it.
 struct Head {
-    /// Nets that refer to the buffer, in the low half, and jobs that read it, in the high half.
+    /// Nets that refer to the buffer, in the low half, and background runs that read it, in the
+    /// high half.
     uses: Cell<u32>,
 }
 
-/// One net refers to a buffer, and no job reads it.
+/// One net refers to a buffer, and no background run reads it.
 const PUBLISHED_ONCE: u32 = 1;
 const PUBLICATIONS: u32 = u16::MAX as u32;
-/// One job that reads a buffer.
+/// One background run that reads a buffer.
 const PIN: u32 = PUBLICATIONS + 1;
 
 impl Head {
@@ -224,8 +226,8 @@ unsafe fn value_in<V: PortType>(buffer: NonNull<Head>) -> NonNull<V> {
 impl ErasedBuffer {
     #[cfg_attr(feature = "speed", inline(always))]
     fn head(&self) -> &Head {
-        // SAFETY: `head` points into a bank that outlives the executor or job that holds this
-        // (invariant 1; nets are emptied when an executor is made).
+        // SAFETY: `head` points into a bank that outlives the executor or background run that holds
+        // this (invariant 1; nets are emptied when an executor is made).
         unsafe { head(self.head) }
     }
 
@@ -431,14 +433,14 @@ struct Place<T: Task> {
 }
 
 /// The tasks of one type that a robot has: as many task states of that type can a mission have.
-pub struct Bank<T: Task, const N: usize> {
+pub struct TaskPool<T: Task, const N: usize> {
     places: [Place<T>; N],
 }
 
-impl<T: Task, const N: usize> Bank<T, N> {
+impl<T: Task, const N: usize> TaskPool<T, N> {
     /// A bank of these tasks.
     pub fn new(tasks: [T; N]) -> Self {
-        Bank {
+        TaskPool {
             places: tasks.map(|task| Place {
                 task: UnsafeCell::new(task),
                 outputs: <T::Outputs as OutputPorts>::EMPTY,
@@ -447,13 +449,14 @@ impl<T: Task, const N: usize> Bank<T, N> {
     }
 }
 
-// SAFETY: through a shared bank one reaches its tasks only by the `unsafe` methods of `TaskBank`,
-// whose callers, the executor and the job, keep to one thread at a time for each task and each
-// buffer (invariants 1 to 3). `Task` requires `Send`, `PortType` `Send` and `Sync`.
-unsafe impl<T: Task, const N: usize> Sync for Bank<T, N> {}
+// SAFETY: through a shared bank one reaches its tasks only by the `unsafe` methods of
+// `AnyTaskPool`, whose callers, the executor and the background run, keep to one thread at a time
+// for each task and each buffer (invariants 1 to 3). `Task` requires `Send`, `PortType` `Send` and
+// `Sync`.
+unsafe impl<T: Task, const N: usize> Sync for TaskPool<T, N> {}
 
-/// A [`Bank`] of tasks of any type.
-pub trait TaskBank: Sync + sealed::Sealed {
+/// A [`TaskPool`] of tasks of any type.
+pub trait AnyTaskPool: Sync + sealed::Sealed {
     /// What the tasks declare.
     fn declaration(&self) -> &'static Declaration;
 
@@ -507,8 +510,8 @@ unsafe fn step_in<T: Task>(place: NonNull<()>, enter: bool, io: &mut Io<'_>) -> 
     step
 }
 
-impl<T: Task, const N: usize> sealed::Sealed for Bank<T, N> {}
-impl<T: Task, const N: usize> TaskBank for Bank<T, N> {
+impl<T: Task, const N: usize> sealed::Sealed for TaskPool<T, N> {}
+impl<T: Task, const N: usize> AnyTaskPool for TaskPool<T, N> {
     fn declaration(&self) -> &'static Declaration {
         crate::task::declaration_of::<T>()
     }
@@ -594,10 +597,10 @@ impl IoState {
     };
 
     /// What the task has said.
-    fn said(&self) -> Said {
+    fn said(&self) -> StepOutput {
         let written = (self.done >> FIRST_FLAG) as u16;
         let has_told = self.done & HAS_TOLD != 0;
-        Said {
+        StepOutput {
             flags: FlagChanges {
                 written,
                 values: self.flags & written,
@@ -624,13 +627,13 @@ pub struct Inputs {
     pub flags: u16,
     /// Bits of each parameter.
     pub params: [u32; MAX_PARAMS],
-    /// Nominal start of the slot's occurrence, in microseconds since the mission started.
+    /// Nominal start of the slot's activation, in microseconds since the mission started.
     pub now_us: u64,
     /// Period of the slot in microseconds; 0 in slot 0.
     pub period_us: u32,
     /// Overruns of all slots so far.
     pub overruns: u32,
-    /// Missed occurrences of all slots so far.
+    /// Deadline misses of all slots so far.
     pub missed: u32,
     /// How long no request has come over the link, in microseconds; stays at its greatest value.
     pub link_silent_us: u32,
@@ -660,7 +663,7 @@ impl<'a> Io<'a> {
             (port.direction == Direction::In) == is_input && port.kind.is(ValueKind::of::<V>());
         assert!(is_right, "{}", WRONG_HANDLE);
         // SAFETY: the value was found to be of the port's kind (invariant 4), which is that of `V`;
-        // its buffer is in a bank that outlives the executor or job.
+        // its buffer is in a bank that outlives the executor or background run.
         value.map(|value| unsafe { value_in(value) })
     }
 
@@ -746,7 +749,7 @@ impl<'a> Io<'a> {
         )
     }
 
-    /// Nominal start of the slot's occurrence (of the one that started the run, in slot 0), in
+    /// Nominal start of the slot's activation (of the one that started the run, in slot 0), in
     /// microseconds since the mission started.
     pub fn now_us(&self) -> u64 {
         self.state.inputs.now_us
@@ -757,18 +760,18 @@ impl<'a> Io<'a> {
         self.state.inputs.period_us
     }
 
-    /// How often an occurrence of any slot lasted longer than its slot since the robot started, up
-    /// to the occurrence before.
+    /// How often an activation of any slot lasted longer than its slot since the robot started, up
+    /// to the activation before.
     pub fn overruns(&self) -> u32 {
         self.state.inputs.overruns
     }
 
-    /// How often an occurrence of any slot did not start within its period since the robot started.
+    /// How often an activation of any slot did not start within its period since the robot started.
     pub fn missed(&self) -> u32 {
         self.state.inputs.missed
     }
 
-    /// How long no request has come over the link, in microseconds, as of the last occurrence of
+    /// How long no request has come over the link, in microseconds, as of the last activation of
     /// the interpreter's slot; counted from the start of the mission where none has come since.
     /// Stays at its greatest value, which is 71 minutes.
     pub fn link_silent_us(&self) -> u32 {
@@ -788,7 +791,7 @@ impl<'a> Io<'a> {
         self.state.done |= IS_HEARD;
     }
 
-    /// From now on, and for as long as the task is enabled, so many occurrences of one slot in a
+    /// From now on, and for as long as the task is enabled, so many activations of one slot in a
     /// row may last too long; one more brings the robot to its safe state. It takes the place of
     /// the board's own [limit](crate::Limits); of several tasks, the last one to say so counts.
     /// Said in slot 0, it has no effect.
@@ -834,11 +837,11 @@ pub enum RegistryFault {
 /// What a robot's tasks declare: a view that can be shared.
 #[derive(Clone, Copy)]
 pub struct Registry<'m> {
-    banks: &'m [&'m mut (dyn TaskBank + 'm)],
+    banks: &'m [&'m mut (dyn AnyTaskPool + 'm)],
 }
 
 impl<'m> Registry<'m> {
-    fn bank(&self, index: usize) -> Option<&'m dyn TaskBank> {
+    fn bank(&self, index: usize) -> Option<&'m dyn AnyTaskPool> {
         self.banks.get(index).map(|bank| &**bank)
     }
 
@@ -1000,7 +1003,7 @@ pub struct TaskPlace {
 
 /// What a task said in an execution beside what it published.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Said {
+pub struct StepOutput {
     /// The control flags that it wrote.
     pub flags: FlagChanges,
     /// How many overruns in a row are allowed from now on, if it said so.
@@ -1022,14 +1025,14 @@ pub struct Outcome {
     pub failure: Option<SafeReason>,
 }
 
-/// What became of a job that came back.
+/// What became of a background run that came back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Harvest {
+pub enum ReturnedRun {
     /// The run ended, its outputs are published.
     Ended(Outcome),
     /// The run ended, but its mission is over: nothing of it is kept.
     Stale,
-    /// The job is not one that this executor lent.
+    /// The background run is not one that this executor lent.
     Foreign,
 }
 
@@ -1172,7 +1175,7 @@ fn kept_distance(task: TaskPointer, buffer: NonNull<Head>) -> u16 {
     u16::try_from(distance(task, buffer)).unwrap_or(0)
 }
 
-/// Slot-0 runs that may be under way at the same time.
+/// Background runs that may be under way at the same time.
 pub const CARRIERS: usize = 1;
 
 /// Executes tasks: the one owner of a robot's banks and nets.
@@ -1181,8 +1184,8 @@ pub struct Executor<'m> {
     nets: &'m mut [Net],
     /// Empty but while nets are carried from one mission to the next. None where they cannot be.
     nets_before: &'m mut [Net],
-    lent: Option<TaskPlace>,
-    /// The lent job belongs to a mission that is over.
+    checked_out: Option<TaskPlace>,
+    /// The lent background run belongs to a mission that is over.
     lent_is_stale: bool,
     /// The task that was prepared.
     call: Option<Call>,
@@ -1198,8 +1201,8 @@ struct Call {
 }
 
 // SAFETY: tasks are `Send`, values `Send` and `Sync`, and everything that the executor's pointers
-// lead to is reached by it alone or by the job it lent, which share only values that neither writes
-// (invariants 1 to 3).
+// lead to is reached by it alone or by the background run it lent, which share only values that
+// neither writes (invariants 1 to 3).
 unsafe impl Send for Executor<'_> {}
 
 /// Makes a robot of banks, as `registry!` lists them. `nets` limits the number of nets of a
@@ -1208,7 +1211,7 @@ unsafe impl Send for Executor<'_> {}
 /// # Errors
 /// What is wrong with the declarations; to be told at start-up, before any mission.
 pub fn assemble<'m, const NETS: usize>(
-    banks: &'m mut [&'m mut (dyn TaskBank + 'm)],
+    banks: &'m mut [&'m mut (dyn AnyTaskPool + 'm)],
     [nets, nets_before @ ..]: &'m mut [[Net; NETS]; MISSIONS],
 ) -> Result<(Executor<'m>, Registry<'m>), RegistryFault> {
     let registry = Registry { banks };
@@ -1221,7 +1224,7 @@ pub fn assemble<'m, const NETS: usize>(
             registry,
             nets,
             nets_before,
-            lent: None,
+            checked_out: None,
             lent_is_stale: false,
             call: None,
             state: IoState::EMPTY,
@@ -1242,14 +1245,14 @@ impl<'m> Executor<'m> {
     }
 
     /// The task that is lent, if there is one.
-    pub fn lent(&self) -> Option<TaskPlace> {
-        self.lent
+    pub fn checked_out(&self) -> Option<TaskPlace> {
+        self.checked_out
     }
 
     /// A mission starts: nets are emptied, tasks forget what they knew. A task that is lent does so
     /// when it comes back.
     pub fn clear(&mut self) {
-        self.begin_carry();
+        self.begin_migration();
         let registry = self.registry;
         // A registry has no more banks, nor a bank more tasks, than these numbers hold.
         let all = (0..registry.len()).flat_map(|bank| {
@@ -1258,12 +1261,12 @@ impl<'m> Executor<'m> {
                 place: place as u8,
             })
         });
-        self.end_carry(all);
+        self.end_migration(all);
     }
 
     /// A mission starts that goes on from the one before: from here to
-    /// [`end_carry`](Self::end_carry) values can be [carried](Self::carry_net).
-    pub fn begin_carry(&mut self) {
+    /// [`end_migration`](Self::end_migration) values can be [carried](Self::migrate_net).
+    pub fn begin_migration(&mut self) {
         self.call = None;
         if WARM {
             core::mem::swap(&mut self.nets, &mut self.nets_before);
@@ -1271,7 +1274,7 @@ impl<'m> Executor<'m> {
     }
 
     /// The value that was on a net of the mission before is on this one, unless another is already.
-    pub fn carry_net(&mut self, net: usize, before: usize) {
+    pub fn migrate_net(&mut self, net: usize, before: usize) {
         if let Some(before) = self.nets_before.get(before)
             && let Some(net) = self.nets.get_mut(net).filter(|net| net.value.is_none())
         {
@@ -1281,7 +1284,7 @@ impl<'m> Executor<'m> {
 
     /// Forgets the nets of the mission before, and lets these tasks forget what they knew. One that
     /// is lent does so when it comes back.
-    pub fn end_carry(&mut self, left_behind: impl Iterator<Item = TaskPlace>) {
+    pub fn end_migration(&mut self, left_behind: impl Iterator<Item = TaskPlace>) {
         let before = if WARM {
             &mut self.nets_before
         } else {
@@ -1290,8 +1293,8 @@ impl<'m> Executor<'m> {
         for net in before.iter_mut() {
             net.publish(None, 0);
         }
-        self.lent_is_stale = self.lent.is_some();
-        for task in left_behind.filter(|task| self.lent != Some(*task)) {
+        self.lent_is_stale = self.checked_out.is_some();
+        for task in left_behind.filter(|task| self.checked_out != Some(*task)) {
             if let Some(bank) = self.registry.bank(usize::from(task.bank)) {
                 // SAFETY: the executor owns all tasks (invariant 1), except for the lent one, which
                 // was left out.
@@ -1326,7 +1329,7 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// All executions from here on are of an occurrence of a slot with this period that starts at
+    /// All executions from here on are of an activation of a slot with this period that starts at
     /// these times of the mission and the robot.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn begin(&mut self, now_us: u64, robot_us: u64, period_us: u32) {
@@ -1335,7 +1338,7 @@ impl<'m> Executor<'m> {
         self.state.robot_us = robot_us;
     }
 
-    /// Nominal start of the occurrence that [began](Self::begin), on the robot's clock.
+    /// Nominal start of the activation that [began](Self::begin), on the robot's clock.
     pub(crate) fn robot_us(&self) -> u64 {
         self.state.robot_us
     }
@@ -1356,7 +1359,7 @@ impl<'m> Executor<'m> {
         let Some(task) = binding.task else {
             return false;
         };
-        if task.banks != self.registry.address() || self.lent == Some(binding.place) {
+        if task.banks != self.registry.address() || self.checked_out == Some(binding.place) {
             return false;
         }
         self.state.done = 0;
@@ -1394,7 +1397,7 @@ impl<'m> Executor<'m> {
     /// Publishes what the task wrote that was executed last, and tells what else it said, if it
     /// said something.
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(crate) fn end_step(&mut self, binding: &Binding) -> Option<Said> {
+    pub(crate) fn end_step(&mut self, binding: &Binding) -> Option<StepOutput> {
         let done = self.state.done;
         if done & WRITTEN_PORTS != 0 {
             self.publish(binding);
@@ -1483,30 +1486,30 @@ impl<'m> Executor<'m> {
     }
 
     /// Lends a task for one run in slot 0, with the values that are on its inputs now. `net_of`
-    /// tells the net of each data port. See `lend_bound`.
-    pub fn lend(
+    /// tells the net of each data port. See `checkout_bound`.
+    pub fn checkout(
         &mut self,
         task: TaskPlace,
         net_of: impl Fn(usize) -> Option<usize>,
         step_us: u64,
         find_inputs: impl FnOnce(&mut Inputs, &Declaration),
-    ) -> Option<Job<'m>> {
+    ) -> Option<BackgroundRun<'m>> {
         let binding = self.registry.bind(task, net_of);
-        self.lend_bound(&binding, step_us, find_inputs)
+        self.checkout_bound(&binding, step_us, find_inputs)
     }
 
     /// Lends a task for one run in slot 0, with the values that are on its inputs now. Their age is
     /// that at `step_us` on the robot's clock, the last macro step. `None`, and nothing is done, if
     /// a required input has no fresh value or a task is lent already.
-    pub(crate) fn lend_bound(
+    pub(crate) fn checkout_bound(
         &mut self,
         binding: &Binding,
         step_us: u64,
         find_inputs: impl FnOnce(&mut Inputs, &Declaration),
-    ) -> Option<Job<'m>> {
+    ) -> Option<BackgroundRun<'m>> {
         self.call = None;
         let task = binding.task?;
-        if task.banks != self.registry.address() || self.lent.is_some() {
+        if task.banks != self.registry.address() || self.checked_out.is_some() {
             return None;
         }
         let mut binding = *binding;
@@ -1548,9 +1551,9 @@ impl<'m> Executor<'m> {
             // SAFETY: a value on a net is in a buffer of this executor's banks (invariant 1).
             unsafe { head(value) }.pin();
         }
-        self.lent = Some(binding.place);
+        self.checked_out = Some(binding.place);
         self.lent_is_stale = false;
-        Some(Job {
+        Some(BackgroundRun {
             binding,
             banks: self.registry.banks,
             state,
@@ -1560,37 +1563,37 @@ impl<'m> Executor<'m> {
         })
     }
 
-    /// Takes a job back and publishes what its run wrote, where its mission still runs. The time of
-    /// that is `step_us` on the robot's clock, the macro step that notes the run's end.
-    pub fn harvest(&mut self, job: Job<'m>, step_us: u64) -> Harvest {
+    /// Takes a background run back and publishes what its run wrote, where its mission still runs.
+    /// The time of that is `step_us` on the robot's clock, the macro step that notes the run's end.
+    pub fn return_run(&mut self, background_run: BackgroundRun<'m>, step_us: u64) -> ReturnedRun {
         self.call = None;
         // A list of banks is borrowed by one executor alone, and one that has lent a task is not
         // empty: its address is nobody else's.
-        let own = core::ptr::eq(self.registry.banks, job.banks);
-        if !own || self.lent != Some(job.binding.place) {
-            return Harvest::Foreign;
+        let own = core::ptr::eq(self.registry.banks, background_run.banks);
+        if !own || self.checked_out != Some(background_run.binding.place) {
+            return ReturnedRun::Foreign;
         }
-        for value in read_by(&job.state) {
-            // SAFETY: the job is one of this executor's, so that its values are in buffers of its
-            // banks (invariant 1).
+        for value in read_by(&background_run.state) {
+            // SAFETY: the background run is one of this executor's, so that its values are in
+            // buffers of its banks (invariant 1).
             unsafe { head(value) }.unpin();
         }
-        self.lent = None;
+        self.checked_out = None;
         if core::mem::take(&mut self.lent_is_stale) {
-            let place = job.binding.place;
+            let place = background_run.binding.place;
             if let Some(bank) = self.registry.bank(usize::from(place.bank)) {
-                // SAFETY: the job is back, so that the executor owns the task again.
+                // SAFETY: the background run is back, so that the executor owns the task again.
                 unsafe { bank.reset(usize::from(place.place)) };
             }
-            return Harvest::Stale;
+            return ReturnedRun::Stale;
         }
-        let written = |index: &usize| job.state.done & WRITTEN_PORTS & 1 << index != 0;
+        let written = |index: &usize| background_run.state.done & WRITTEN_PORTS & 1 << index != 0;
         for index in (0..MAX_DATA_PORTS).filter(written) {
             if let (Some(port), Some(bound), Some(&value), Some(&time_us)) = (
-                job.state.ports.get(index),
-                job.binding.ports.get(index),
-                job.state.values.get(index),
-                job.times_us.get(index),
+                background_run.state.ports.get(index),
+                background_run.binding.ports.get(index),
+                background_run.state.values.get(index),
+                background_run.times_us.get(index),
             ) && let Some(net) = self.nets.get_mut(usize::from(bound.net))
             {
                 let kind = port.kind;
@@ -1599,9 +1602,9 @@ impl<'m> Executor<'m> {
                 net.publish(value.map(|head| ErasedBuffer { head, kind }), value_us);
             }
         }
-        let said = job.state.said();
-        Harvest::Ended(Outcome {
-            step: job.step,
+        let said = background_run.state.said();
+        ReturnedRun::Ended(Outcome {
+            step: background_run.step,
             flags: said.flags,
             allowed_overruns: said.allowed_overruns,
             failure: said.failure,
@@ -1685,8 +1688,8 @@ fn read_by(state: &IoState) -> impl Iterator<Item = NonNull<Head>> {
 }
 
 /// Finds the buffer for a port that is written or changed where it is not the usual one: an
-/// execution's first, one beside a slot-0 run that reads the last value, or a slot-0 run itself.
-/// `None` where the task cannot be executed, or the port is optional and has no value.
+/// execution's first, one beside a background run that reads the last value, or a background run
+/// itself. `None` where the task cannot be executed, or the port is optional and has no value.
 #[inline(never)]
 fn choose_buffer(
     nets: &[Net],
@@ -1711,7 +1714,7 @@ fn choose_buffer(
         }
         net.value
     });
-    // No job reads it, nor the task itself through another port.
+    // No background run reads it, nor the task itself through another port.
     let unread = current.filter(|current| {
         let mut others = ports
             .iter()
@@ -1754,9 +1757,9 @@ fn choose_buffer(
 
 /// One run of a task in slot 0. It owns the task and what it reads and writes until it is given
 /// back to the executor.
-pub struct Job<'m> {
+pub struct BackgroundRun<'m> {
     binding: Binding,
-    banks: &'m [&'m mut (dyn TaskBank + 'm)],
+    banks: &'m [&'m mut (dyn AnyTaskPool + 'm)],
     state: IoState,
     /// The time of each `inout` port's value, which it keeps when it is published again.
     times_us: [u64; MAX_DATA_PORTS],
@@ -1764,11 +1767,12 @@ pub struct Job<'m> {
     step: Step,
 }
 
-// SAFETY: tasks are `Send`, values `Send` and `Sync`. What a job points to is not written by anyone
-// else while it is out (invariants 2, 3), and it never touches the heads of its buffers.
-unsafe impl Send for Job<'_> {}
+// SAFETY: tasks are `Send`, values `Send` and `Sync`. What a background run points to is not
+// written by anyone else while it is out (invariants 2, 3), and it never touches the heads of its
+// buffers.
+unsafe impl Send for BackgroundRun<'_> {}
 
-impl Job<'_> {
+impl BackgroundRun<'_> {
     /// Which task runs.
     pub fn task(&self) -> TaskPlace {
         self.binding.place
@@ -1784,7 +1788,7 @@ impl Job<'_> {
             let mut io = Io {
                 state: &mut self.state,
             };
-            // SAFETY: the task is lent to this job (invariant 2), of which there is one.
+            // SAFETY: the task is lent to this background run (invariant 2), of which there is one.
             self.step = unsafe { (task.pointer.step)(task.pointer.place, !self.entered, &mut io) };
             self.entered = true;
         }
@@ -1863,24 +1867,24 @@ mod tests {
     }
 
     struct Robot {
-        source: Bank<Source, 2>,
-        adder: Bank<Adder, 1>,
-        reader: Bank<Reader, 1>,
+        source: TaskPool<Source, 2>,
+        adder: TaskPool<Adder, 1>,
+        reader: TaskPool<Reader, 1>,
     }
 
     impl Robot {
         fn new() -> Self {
             Robot {
-                source: Bank::new([Source { count: 0 }, Source { count: 1000 }]),
-                adder: Bank::new([Adder]),
-                reader: Bank::new([Reader {
+                source: TaskPool::new([Source { count: 0 }, Source { count: 1000 }]),
+                adder: TaskPool::new([Adder]),
+                reader: TaskPool::new([Reader {
                     seen: [0; 3],
                     steps: 0,
                 }]),
             }
         }
 
-        fn banks(&mut self) -> [&mut (dyn TaskBank + '_); 3] {
+        fn banks(&mut self) -> [&mut (dyn AnyTaskPool + '_); 3] {
             [&mut self.source, &mut self.adder, &mut self.reader]
         }
     }
@@ -1928,7 +1932,11 @@ mod tests {
         with_robot(|executor| {
             assert!(!step(executor, READER, reader_net));
             assert!(!step(executor, ADDER, adder_net));
-            assert!(executor.lend(READER, reader_net, 0, |_, _| ()).is_none());
+            assert!(
+                executor
+                    .checkout(READER, reader_net, 0, |_, _| ())
+                    .is_none()
+            );
             assert!(step(executor, SOURCE, source_net));
             assert!(step(executor, READER, reader_net));
         });
@@ -1973,19 +1981,21 @@ mod tests {
     fn a_lent_task_reads_constant_values_while_their_writers_go_on() {
         with_robot(|executor| {
             step(executor, SOURCE, source_net);
-            let mut job = executor.lend(READER, reader_net, 0, |_, _| ()).unwrap();
+            let mut background_run = executor.checkout(READER, reader_net, 0, |_, _| ()).unwrap();
             assert!(
-                executor.lend(READER, reader_net, 0, |_, _| ()).is_none(),
+                executor
+                    .checkout(READER, reader_net, 0, |_, _| ())
+                    .is_none(),
                 "one job at a time"
             );
             assert!(
                 !step(executor, READER, reader_net),
                 "a lent task is not executed"
             );
-            let job = std::thread::scope(|threads| {
+            let background_run = std::thread::scope(|threads| {
                 let runner = threads.spawn(move || {
-                    while job.step() == Step::Run {}
-                    job
+                    while background_run.step() == Step::Run {}
+                    background_run
                 });
                 for _ in 0..10 {
                     assert!(step(executor, SOURCE, source_net));
@@ -1998,10 +2008,10 @@ mod tests {
                 None,
                 "published when it comes back"
             );
-            let harvest = executor.harvest(job, 0);
+            let returned = executor.return_run(background_run, 0);
             assert_eq!(
-                harvest,
-                Harvest::Ended(Outcome {
+                returned,
+                ReturnedRun::Ended(Outcome {
                     step: Step::Finished,
                     flags: FlagChanges::default(),
                     allowed_overruns: None,
@@ -2009,7 +2019,11 @@ mod tests {
                 })
             );
             assert_eq!(executor.value_on(SUM), Some(Count(3)));
-            assert!(executor.lend(READER, reader_net, 0, |_, _| ()).is_some());
+            assert!(
+                executor
+                    .checkout(READER, reader_net, 0, |_, _| ())
+                    .is_some()
+            );
         });
     }
 
@@ -2021,13 +2035,13 @@ mod tests {
             let first = published(executor);
             step(executor, SOURCE, source_net);
             assert_eq!(published(executor), first);
-            let job = executor.lend(READER, reader_net, 0, |_, _| ()).unwrap();
+            let background_run = executor.checkout(READER, reader_net, 0, |_, _| ()).unwrap();
             step(executor, SOURCE, source_net);
             let second = published(executor);
             assert_ne!(second, first, "the first is being read");
             step(executor, SOURCE, source_net);
             assert_eq!(published(executor), second);
-            executor.harvest(job, 0);
+            executor.return_run(background_run, 0);
             // Another task's value is left alone.
             step(executor, OTHER_SOURCE, source_net);
             let others = published(executor);
@@ -2048,9 +2062,9 @@ mod tests {
                 Step::Run
             }
         }
-        let mut source = Bank::new([Source { count: 0 }]);
-        let mut both = Bank::new([Both]);
-        let mut banks: [&mut dyn TaskBank; 2] = [&mut source, &mut both];
+        let mut source = TaskPool::new([Source { count: 0 }]);
+        let mut both = TaskPool::new([Both]);
+        let mut banks: [&mut dyn AnyTaskPool; 2] = [&mut source, &mut both];
         let mut nets = nets::<1>();
         let (mut executor, _) = assemble(&mut banks, &mut nets).unwrap();
         let both = TaskPlace { bank: 1, place: 0 };
@@ -2095,9 +2109,10 @@ mod tests {
     fn with_careful_robot(test: impl FnOnce(&mut Executor<'_>)) {
         let mut robot = Robot::new();
         let [source, adder, reader] = robot.banks();
-        let mut careful = Bank::new([Careful]);
-        let mut changer = Bank::new([Changer]);
-        let mut banks: [&mut dyn TaskBank; 5] = [source, adder, reader, &mut careful, &mut changer];
+        let mut careful = TaskPool::new([Careful]);
+        let mut changer = TaskPool::new([Changer]);
+        let mut banks: [&mut dyn AnyTaskPool; 5] =
+            [source, adder, reader, &mut careful, &mut changer];
         let mut nets = nets::<2>();
         let (mut executor, _) = assemble(&mut banks, &mut nets).unwrap();
         test(&mut executor);
@@ -2135,11 +2150,11 @@ mod tests {
             ] {
                 let is_executed = step_at(executor, now_us, CAREFUL, careful_net);
                 assert_eq!(is_executed, sum.is_some(), "{now_us}");
-                let mut job = executor.lend(CAREFUL, careful_net, now_us, |_, _| ());
-                assert_eq!(job.is_some(), sum.is_some(), "{now_us}");
-                if let Some(mut job) = job.take() {
-                    assert_eq!(job.step(), Step::Finished);
-                    executor.harvest(job, now_us);
+                let mut background_run = executor.checkout(CAREFUL, careful_net, now_us, |_, _| ());
+                assert_eq!(background_run.is_some(), sum.is_some(), "{now_us}");
+                if let Some(mut background_run) = background_run.take() {
+                    assert_eq!(background_run.step(), Step::Finished);
+                    executor.return_run(background_run, now_us);
                     assert_eq!(executor.value_on(SUM), sum.map(Count), "{now_us}");
                 }
             }
@@ -2157,15 +2172,15 @@ mod tests {
             assert!(!step_at(executor, 1_101, CHANGER, source_net));
             assert!(!step_at(executor, 1_101, CAREFUL, careful_net));
             assert_eq!(executor.value_on(NET), Some(Count(201)));
-            // Changed in a slot-0 run while it was written anew: the older value is published, with
-            // the time that it had.
+            // Changed in a background run while it was written anew: the older value is published,
+            // with the time that it had.
             step_at(executor, 2_000, SOURCE, source_net);
-            let mut job = executor
-                .lend(CHANGER, source_net, 2_000, |_, _| ())
+            let mut background_run = executor
+                .checkout(CHANGER, source_net, 2_000, |_, _| ())
                 .unwrap();
-            job.step();
+            background_run.step();
             step_at(executor, 2_090, SOURCE, source_net);
-            executor.harvest(job, 2_095);
+            executor.return_run(background_run, 2_095);
             assert_eq!(executor.value_on(NET), Some(Count(102)));
             assert!(step_at(executor, 2_100, CAREFUL, careful_net));
             assert!(!step_at(executor, 2_101, CAREFUL, careful_net));
@@ -2176,10 +2191,10 @@ mod tests {
     fn what_a_run_in_slot_0_writes_is_as_old_as_the_step_that_notes_its_end() {
         with_careful_robot(|executor| {
             step_at(executor, 1_000, SOURCE, source_net);
-            let job = executor.lend(SOURCE, source_net, 1_000, |_, _| ());
-            let mut job = job.unwrap();
-            job.step();
-            executor.harvest(job, 5_000);
+            let background_run = executor.checkout(SOURCE, source_net, 1_000, |_, _| ());
+            let mut background_run = background_run.unwrap();
+            background_run.step();
+            executor.return_run(background_run, 5_000);
             assert!(step_at(executor, 4_980, CAREFUL, careful_net));
             assert!(step_at(executor, 5_100, CAREFUL, careful_net));
             assert!(!step_at(executor, 5_101, CAREFUL, careful_net));
@@ -2193,9 +2208,9 @@ mod tests {
         }
         with_careful_robot(|executor| {
             step_at(executor, 1_000, SOURCE, source_net);
-            executor.begin_carry();
-            executor.carry_net(NET, NET);
-            executor.end_carry(core::iter::empty());
+            executor.begin_migration();
+            executor.migrate_net(NET, NET);
+            executor.end_migration(core::iter::empty());
             assert!(step_at(executor, 1_100, CAREFUL, careful_net));
             assert!(!step_at(executor, 1_101, CAREFUL, careful_net));
         });
@@ -2227,23 +2242,23 @@ mod tests {
                 Step::Run
             }
         }
-        let mut looping = Bank::new([Loop]);
-        let mut reader = Bank::new([Reader {
+        let mut looping = TaskPool::new([Loop]);
+        let mut reader = TaskPool::new([Reader {
             seen: [0; 3],
             steps: 0,
         }]);
-        let mut banks: [&mut dyn TaskBank; 2] = [&mut looping, &mut reader];
+        let mut banks: [&mut dyn AnyTaskPool; 2] = [&mut looping, &mut reader];
         let mut nets = nets::<2>();
         let (mut executor, _) = assemble(&mut banks, &mut nets).unwrap();
         let (looping, reader) = (SOURCE, TaskPlace { bank: 1, place: 0 });
         assert!(step(&mut executor, looping, source_net));
-        let mut job = executor.lend(reader, reader_net, 0, |_, _| ()).unwrap();
+        let mut background_run = executor.checkout(reader, reader_net, 0, |_, _| ()).unwrap();
         for expected in 2..9 {
             assert!(step(&mut executor, looping, source_net));
             assert_eq!(executor.value_on(NET), Some(Count(expected)));
         }
-        while job.step() == Step::Run {}
-        executor.harvest(job, 0);
+        while background_run.step() == Step::Run {}
+        executor.return_run(background_run, 0);
         assert_eq!(executor.value_on(SUM), Some(Count(3)));
     }
 
@@ -2251,11 +2266,11 @@ mod tests {
     fn inout_copies_what_a_lent_task_reads() {
         with_robot(|executor| {
             step(executor, SOURCE, source_net);
-            let mut job = executor.lend(READER, reader_net, 0, |_, _| ()).unwrap();
+            let mut background_run = executor.checkout(READER, reader_net, 0, |_, _| ()).unwrap();
             assert!(step(executor, ADDER, adder_net));
             assert_eq!(executor.value_on(NET), Some(Count(101)));
-            while job.step() == Step::Run {}
-            executor.harvest(job, 0);
+            while background_run.step() == Step::Run {}
+            executor.return_run(background_run, 0);
             assert_eq!(executor.value_on(SUM), Some(Count(3)));
         });
     }
@@ -2264,7 +2279,7 @@ mod tests {
     fn a_new_mission_starts_empty_and_keeps_nothing_of_a_job_that_comes_back_late() {
         with_robot(|executor| {
             step(executor, SOURCE, source_net);
-            let mut job = executor.lend(READER, reader_net, 0, |_, _| ()).unwrap();
+            let mut background_run = executor.checkout(READER, reader_net, 0, |_, _| ()).unwrap();
             executor.clear();
             assert_eq!(executor.value_on::<Count>(NET), None);
             for expected in 1..5 {
@@ -2276,8 +2291,8 @@ mod tests {
                 );
             }
             assert!(!step(executor, READER, reader_net), "still lent");
-            while job.step() == Step::Run {}
-            assert_eq!(executor.harvest(job, 0), Harvest::Stale);
+            while background_run.step() == Step::Run {}
+            assert_eq!(executor.return_run(background_run, 0), ReturnedRun::Stale);
             assert_eq!(executor.value_on::<Count>(SUM), None);
             assert!(step(executor, READER, reader_net));
         });
@@ -2290,13 +2305,16 @@ mod tests {
         let (mut first_nets, mut second_nets) = (nets::<2>(), nets::<2>());
         let (mut first, _) = assemble(&mut first, &mut first_nets).unwrap();
         let (mut second, _) = assemble(&mut second, &mut second_nets).unwrap();
-        let lent = [&mut first, &mut second].map(|executor| {
+        let checked_out = [&mut first, &mut second].map(|executor| {
             step(executor, SOURCE, source_net);
-            executor.lend(READER, reader_net, 0, |_, _| ()).unwrap()
+            executor.checkout(READER, reader_net, 0, |_, _| ()).unwrap()
         });
-        let [of_first, of_second] = lent;
-        assert_eq!(first.harvest(of_second, 0), Harvest::Foreign);
-        assert!(matches!(first.harvest(of_first, 0), Harvest::Ended(_)));
+        let [of_first, of_second] = checked_out;
+        assert_eq!(first.return_run(of_second, 0), ReturnedRun::Foreign);
+        assert!(matches!(
+            first.return_run(of_first, 0),
+            ReturnedRun::Ended(_)
+        ));
     }
 
     #[test]
@@ -2308,20 +2326,23 @@ mod tests {
                 Step::Finished
             }
         }
-        let (mut first, mut second) = (Bank::new([Nothing]), Bank::new([Nothing]));
+        let (mut first, mut second) = (TaskPool::new([Nothing]), TaskPool::new([Nothing]));
         assert_eq!(size_of_val(&first), 0);
-        let mut first: [&mut dyn TaskBank; 1] = [&mut first];
-        let mut second: [&mut dyn TaskBank; 1] = [&mut second];
+        let mut first: [&mut dyn AnyTaskPool; 1] = [&mut first];
+        let mut second: [&mut dyn AnyTaskPool; 1] = [&mut second];
         let (mut first_nets, mut second_nets) = (nets::<0>(), nets::<0>());
         let (mut first, _) = assemble(&mut first, &mut first_nets).unwrap();
         let (mut second, _) = assemble(&mut second, &mut second_nets).unwrap();
-        let lent = [&mut first, &mut second].map(|executor| {
-            let lent = executor.lend(SOURCE, |_| None, 0, |_, _| ());
-            lent.unwrap()
+        let checked_out = [&mut first, &mut second].map(|executor| {
+            let checked_out = executor.checkout(SOURCE, |_| None, 0, |_, _| ());
+            checked_out.unwrap()
         });
-        let [of_first, of_second] = lent;
-        assert_eq!(first.harvest(of_second, 0), Harvest::Foreign);
-        assert!(matches!(first.harvest(of_first, 0), Harvest::Ended(_)));
+        let [of_first, of_second] = checked_out;
+        assert_eq!(first.return_run(of_second, 0), ReturnedRun::Foreign);
+        assert!(matches!(
+            first.return_run(of_first, 0),
+            ReturnedRun::Ended(_)
+        ));
     }
 
     #[test]
@@ -2382,21 +2403,24 @@ mod tests {
                 }
             }
         }
-        fn fault<'m>(banks: &'m mut [&'m mut (dyn TaskBank + 'm)]) -> Option<RegistryFault> {
+        fn fault<'m>(banks: &'m mut [&'m mut (dyn AnyTaskPool + 'm)]) -> Option<RegistryFault> {
             Registry { banks }.check().err()
         }
-        assert_eq!(fault(&mut [&mut Bank::new([Source { count: 0 }])]), None);
+        assert_eq!(
+            fault(&mut [&mut TaskPool::new([Source { count: 0 }])]),
+            None
+        );
         assert_eq!(
             fault(&mut [
-                &mut Bank::new([Source { count: 0 }]),
-                &mut Bank::new([other::Source])
+                &mut TaskPool::new([Source { count: 0 }]),
+                &mut TaskPool::new([other::Source])
             ]),
             Some(RegistryFault::TaskNameTwice { task: "Source" })
         );
         assert_eq!(
             fault(&mut [
-                &mut Bank::new([Source { count: 0 }]),
-                &mut Bank::new([other::Another])
+                &mut TaskPool::new([Source { count: 0 }]),
+                &mut TaskPool::new([other::Another])
             ]),
             Some(RegistryFault::TypeNameTwice { type_name: "Count" })
         );

@@ -2,7 +2,7 @@
 
 use crate::features::MISSIONS;
 
-/// Declares a robot: a struct with one [`Bank`](crate::Bank) of tasks for each task type.
+/// Declares a robot: a struct with one [`TaskPool`](crate::TaskPool) of tasks for each task type.
 ///
 /// ```
 /// use rt_firmware::{Io, Step, Task, assemble, nets, registry, task};
@@ -24,7 +24,7 @@ use crate::features::MISSIONS;
 ///     }
 /// }
 ///
-/// let mut robot = Lamp { blink: rt_firmware::Bank::new([Blink, Blink]) };
+/// let mut robot = Lamp { blink: rt_firmware::TaskPool::new([Blink, Blink]) };
 /// let mut banks = robot.banks();
 /// let mut nets = nets::<4>();
 /// let (executor, registry) = assemble(&mut banks, &mut nets).expect("names are unique");
@@ -51,16 +51,16 @@ macro_rules! registry {
                 $(#[$bank_meta])*
                 $(#[cfg(feature = $feature)])?
                 #[doc = concat!("Tasks of type `", stringify!($task), "`.")]
-                pub $bank: $crate::Bank<$task, { $count }>,
+                pub $bank: $crate::TaskPool<$task, { $count }>,
             )+
         }
 
         impl $(<$($generics)*>)? $robot $(<$($argument),+>)? {
             /// Number of task types.
-            pub const BANKS: usize = [$($(#[cfg(feature = $feature)])? stringify!($bank)),+].len();
+            pub const POOLS: usize = [$($(#[cfg(feature = $feature)])? stringify!($bank)),+].len();
 
             /// The banks, to be made a robot of by `assemble`.
-            pub fn banks(&mut self) -> [&mut (dyn $crate::TaskBank + '_); [$($(#[cfg(feature = $feature)])? stringify!($bank)),+].len()] {
+            pub fn banks(&mut self) -> [&mut (dyn $crate::AnyTaskPool + '_); [$($(#[cfg(feature = $feature)])? stringify!($bank)),+].len()] {
                 [$($(#[cfg(feature = $feature)])? &mut self.$bank),+]
             }
         }

@@ -5,7 +5,7 @@
 
 use core::sync::atomic::{AtomicU8, AtomicU32, AtomicUsize, Ordering};
 
-use esm_link::recording::{STATE_HEAD_BYTES, STATE_WORD_BYTES};
+use esm_link::recording::{STATE_HEADER_BYTES, STATE_WORD_BYTES};
 use esm_link::trace::RecordSink;
 
 /// Bytes before each record that tell its length.
@@ -74,7 +74,7 @@ pub struct RecordRing<const WORDS: usize> {
 
 impl<const WORDS: usize> RecordRing<WORDS> {
     /// Words below which the head of a state would not fit.
-    pub const FEWEST_WORDS: usize = STATE_HEAD_BYTES + LENGTH_BYTES + 1;
+    pub const FEWEST_WORDS: usize = STATE_HEADER_BYTES + LENGTH_BYTES + 1;
 
     /// An empty ring.
     pub const fn new() -> Self {

@@ -28,10 +28,10 @@
 //! }
 //!
 //! // On a board these are in statics.
-//! let mut lamp = Lamp { blink: Bank::new([Blink]) };
+//! let mut lamp = Lamp { blink: TaskPool::new([Blink]) };
 //! let mut banks = lamp.banks();
 //! let mut memory = Memory::<4096, 256, 8, 16, 16, 2, 1024>::new();
-//! let mut mail = Mail::new();
+//! let mut mail = Mailbox::new();
 //! let (mut real_time, mut background, mut link) =
 //!     split(&mut memory, &mut banks, &mut mail, About::new("lamp 1.0", "example"), Limits::default()).expect("names are unique");
 //!
@@ -47,20 +47,20 @@ use core::sync::atomic::AtomicBool;
 
 use crate::background::Background;
 use crate::features::MISSIONS;
-use crate::kept::Kept;
-use crate::link::device::{Desk, LinkSide};
+use crate::link::device::{LinkSide, RequestHandler};
 use crate::link::stops::Place;
-use crate::mail::{Letter, Mail};
-use crate::ports::{Job, Net, RegistryFault, TaskBank, assemble};
+use crate::mailbox::{Command, Mailbox};
+use crate::ports::{AnyTaskPool, BackgroundRun, Net, RegistryFault, assemble};
 use crate::realtime::slots::SlotEntry;
+use crate::realtime::staging::{Lists, MissionMemories, MissionMemory};
 use crate::realtime::tasks::{Group, NO_GROUP, NONE, TaskEntry, TaskTable};
 use crate::realtime::trace::Trace;
-use crate::realtime::upcoming::{Lists, Room, Rooms};
 use crate::realtime::{Limits, Parts, RealTime};
 use crate::recorder::RecorderMemory;
+use crate::retained_ram::RetainedRam;
 use crate::ring::Ring;
 use crate::status::Snapshot;
-use crate::supervision::Signs;
+use crate::supervision::Heartbeats;
 use crate::telemetry::TelemetryMemory;
 use esm_core::{BlobBuffer, Dispatcher};
 use esm_link::message::{Capacities, ResetReason};
@@ -94,14 +94,14 @@ pub struct Memory<
     groups: [Group; GROUPS],
     trace: Ring<TRACE_BYTES>,
     trace_wanted: AtomicBool,
-    signs: Signs,
+    heartbeats: Heartbeats,
     recorder: RecorderMemory<ARENA_WORDS>,
     telemetry: TelemetryMemory,
     snapshot: Snapshot,
-    /// This and the letter are written when the runtime is made: so all of this is zeros before,
+    /// This and the command are written when the runtime is made: so all of this is zeros before,
     /// and a static of it takes no flash.
-    job: MaybeUninit<Option<Job<'m>>>,
-    letter: MaybeUninit<Letter<'m>>,
+    background_run: MaybeUninit<Option<BackgroundRun<'m>>>,
+    command: MaybeUninit<Command<'m>>,
 }
 
 impl<
@@ -127,12 +127,12 @@ impl<
             groups: [Group::UNUSED; GROUPS],
             trace: Ring::new(),
             trace_wanted: AtomicBool::new(false),
-            signs: Signs::new(),
+            heartbeats: Heartbeats::new(),
             recorder: RecorderMemory::new(),
             telemetry: TelemetryMemory::new(),
             snapshot: Snapshot::new(),
-            job: MaybeUninit::uninit(),
-            letter: MaybeUninit::uninit(),
+            background_run: MaybeUninit::uninit(),
+            command: MaybeUninit::uninit(),
         }
     }
 }
@@ -165,7 +165,7 @@ pub struct About<'m> {
     /// Why the robot started.
     pub reset: ResetReason,
     /// What is kept across a reset, if the board keeps anything.
-    pub kept: Option<&'m Kept>,
+    pub kept: Option<&'m RetainedRam>,
 }
 
 impl<'m> About<'m> {
@@ -208,8 +208,8 @@ pub fn split<
     const TRACE_BYTES: usize,
 >(
     memory: &'m mut Memory<'m, BLOB_BYTES, ARENA_WORDS, SLOTS, TASKS, NETS, GROUPS, TRACE_BYTES>,
-    banks: &'m mut [&'m mut (dyn TaskBank + 'm)],
-    mail: &'q mut Mail<'m>,
+    banks: &'m mut [&'m mut (dyn AnyTaskPool + 'm)],
+    mailbox: &'q mut Mailbox<'m>,
     about: About<'m>,
     limits: Limits,
 ) -> Result<Sides<'q, 'm>, RegistryFault> {
@@ -230,17 +230,17 @@ pub fn split<
     let (recorder, record) = memory.recorder.split();
     let (sampler, values) = memory.telemetry.split();
     let (snapshot_writer, snapshot_reader) = memory.snapshot.split();
-    let (to_real_time, from_link) = mail.to_real_time.split();
-    let (to_link, from_real_time) = mail.to_link.split();
-    let (to_background, jobs) = mail.to_background.split();
-    let (ended, from_background) = mail.from_background.split();
-    let (freed, from_missions) = mail.freed.split();
+    let (to_real_time, from_link) = mailbox.to_real_time.split();
+    let (to_link, from_real_time) = mailbox.to_link.split();
+    let (to_background, background_runs) = mailbox.to_background.split();
+    let (ended, from_background) = mailbox.from_background.split();
+    let (freed, from_missions) = mailbox.freed.split();
     let trace_wanted = &memory.trace_wanted;
-    let is_stopped = about.kept.is_some_and(Kept::is_emergency_stopped);
-    *memory.signs.emergency_stop.get_mut() = is_stopped;
+    let is_stopped = about.kept.is_some_and(RetainedRam::is_emergency_stopped);
+    *memory.heartbeats.emergency_stop.get_mut() = is_stopped;
     let mut tasks = memory.tasks.iter_mut();
     let mut slots = memory.slots.iter_mut();
-    let rooms = memory.arenas.each_mut().map(|arena| Room {
+    let memories = memory.arenas.each_mut().map(|arena| MissionMemory {
         arena,
         lists: Lists {
             tasks: tasks.next().map(|tasks| &mut tasks[..]).unwrap_or_default(),
@@ -249,14 +249,14 @@ pub fn split<
         },
     });
     let pairs = memory.pairs.as_flattened_mut().as_flattened_mut();
-    let (rooms, own) = Rooms::new(rooms, pairs);
+    let (memories, own) = MissionMemories::new(memories, pairs);
     let real_time = RealTime::new(Parts {
         executor,
         dispatcher: &mut memory.dispatcher,
         own,
         tasks: TaskTable::new(&mut memory.groups),
         limits,
-        job: memory.job.write(None),
+        background_run: memory.background_run.write(None),
         to_background,
         from_background,
         from_link,
@@ -264,18 +264,18 @@ pub fn split<
         freed,
         trace: Trace::new(trace_writer, trace_wanted),
         kept: about.kept,
-        signs: &memory.signs,
+        heartbeats: &memory.heartbeats,
         record: recorder,
         sampler,
         snapshot: snapshot_writer,
     });
     let background = Background {
-        jobs,
+        background_runs,
         ended,
         current: None,
-        signs: &memory.signs,
+        heartbeats: &memory.heartbeats,
     };
-    let link = LinkSide::new(Desk {
+    let link = LinkSide::new(RequestHandler {
         registry,
         capacities,
         about,
@@ -283,10 +283,10 @@ pub fn split<
             .blobs
             .each_mut()
             .map(|storage| Some(BlobBuffer::new(storage))),
-        rooms,
+        memories,
         upload: None,
-        letter: Some(memory.letter.write(Letter::Empty)),
-        ticket: None,
+        command: Some(memory.command.write(Command::Empty)),
+        pending: None,
         place: Place::BEGINNING,
         asked: None,
         to_real_time,
@@ -295,7 +295,7 @@ pub fn split<
         snapshot: snapshot_reader,
         trace: trace_reader,
         trace_wanted,
-        signs: &memory.signs,
+        heartbeats: &memory.heartbeats,
         record,
         values,
         streams_are_sent: true,
@@ -303,7 +303,7 @@ pub fn split<
         keys: esm_link::keys::Keys::new(),
         start_wanted: false,
         watch: None,
-        stop_is_kept: false,
+        stop_is_stored: false,
     });
     Ok((real_time, background, link))
 }

@@ -16,15 +16,15 @@ pub struct Health {
     pub steps: u64,
     /// Nominal start of the last macro step, in microseconds since the mission started.
     pub t_us: u64,
-    /// Occurrences that were executed since the mission started.
+    /// Activations that were executed since the mission started.
     pub executed: u32,
-    /// Occurrences missed since the robot started.
+    /// Activations missed since the robot started.
     pub missed: u32,
     /// Overruns since the robot started.
     pub overruns: u32,
     /// Longest start delay since the mission started, in nanoseconds.
     pub max_delay_ns: u32,
-    /// Whether a slot-0 run is under way.
+    /// Whether a background run is under way.
     pub background_busy: bool,
     /// If the mission runs on trial.
     pub trial: Option<Trial>,

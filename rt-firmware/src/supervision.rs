@@ -1,10 +1,11 @@
-//! Who must show signs of life so that the watchdog is fed.
+//! Who must show heartbeats so that the watchdog is fed.
 //!
 //! While a mission runs, each of its slots must be executed once in a window of twice the longest
 //! period of them, and [`MIN_WINDOW_US`] more. The link must get its turn once in
-//! [`LINK_BOUND_US`], the idle loop, which runs slot-0 tasks, once in [`SLOT_0_BOUND_US`]. If one
-//! of them is silent for longer, the watchdog is fed no more, and the board resets; who it was is
-//! kept. A task of a real-time slot that never returns needs no watching: nothing is fed meanwhile.
+//! [`LINK_BOUND_US`], the idle loop, which runs background tasks, once in [`BACKGROUND_BOUND_US`].
+//! If one of them is silent for longer, the watchdog is fed no more, and the board resets; who it
+//! was is kept. A task of a real-time slot that never returns needs no watching: nothing is fed
+//! meanwhile.
 
 use core::sync::atomic::{
     AtomicBool, AtomicU32,
@@ -21,15 +22,15 @@ use crate::link::stops::Stops;
 pub const MIN_WINDOW_US: u32 = 1_000_000;
 /// How long the link may go without a turn, in µs.
 pub const LINK_BOUND_US: u32 = 5_000_000;
-/// How long a step of a slot-0 task may take, the time that slots take from it included, in µs.
-pub const SLOT_0_BOUND_US: u32 = 10_000_000;
+/// How long a step of a background task may take, the time that slots take from it included, in µs.
+pub const BACKGROUND_BOUND_US: u32 = 10_000_000;
 
 /// What sides that are not the real-time side show of themselves.
-pub(crate) struct Signs {
+pub(crate) struct Heartbeats {
     /// The link had its turn.
     pub(crate) link: AtomicBool,
     /// The idle loop went round.
-    pub(crate) slot_0: AtomicBool,
+    pub(crate) background: AtomicBool,
     /// Requests that arrived whole; wraps.
     pub(crate) requests: AtomicU32,
     /// How long slots have run, in microseconds; wraps. What came after that was settled is
@@ -54,11 +55,11 @@ pub(crate) struct Signs {
     pub(crate) mission_is_coming: AtomicBool,
 }
 
-impl Signs {
+impl Heartbeats {
     pub(crate) const fn new() -> Self {
-        Signs {
+        Heartbeats {
             link: AtomicBool::new(false),
-            slot_0: AtomicBool::new(false),
+            background: AtomicBool::new(false),
             requests: AtomicU32::new(0),
             slots_us: AtomicU32::new(0),
             slots_ticks: AtomicU32::new(0),
@@ -118,18 +119,18 @@ struct Taken {
 }
 
 impl Taken {
-    fn now(signs: &Signs) -> Self {
+    fn now(heartbeats: &Heartbeats) -> Self {
         Taken {
-            link: signs.link_us.load(Relaxed),
-            slots: signs.slots_us(),
+            link: heartbeats.link_us.load(Relaxed),
+            slots: heartbeats.slots_us(),
         }
     }
 
     /// Whether the link has taken, of a time that began with these, nearly all that slots left:
     /// more than [its share](crate::LinkPort::LINK_PERCENT), which leaves slot 0 some. Where slots
     /// leave next to nothing, they are what slot 0 lacks time for.
-    fn is_starved_by_link(self, signs: &Signs, elapsed_us: u64) -> bool {
-        let now = Taken::now(signs);
+    fn is_starved_by_link(self, heartbeats: &Heartbeats, elapsed_us: u64) -> bool {
+        let now = Taken::now(heartbeats);
         let link_us = u64::from(now.link.wrapping_sub(self.link));
         let slots_us = u64::from(now.slots.wrapping_sub(self.slots));
         let left_us = elapsed_us.saturating_sub(slots_us);
@@ -159,33 +160,33 @@ impl Supervision {
     /// Whether the watchdog may be fed now. `first_silent_slot` says which slot was not executed
     /// since it was asked last; it is asked at the end of each window, and once before the first.
     /// No window is open where no mission runs.
-    pub(crate) fn allows_food(
+    pub(crate) fn may_feed(
         &mut self,
         now: u64,
         ticks_per_us: u32,
-        signs: &Signs,
+        heartbeats: &Heartbeats,
         runs: bool,
         first_silent_slot: impl FnOnce() -> Option<usize>,
     ) -> Result<(), Silent> {
         let ticks = |us: u32| u64::from(us) * u64::from(ticks_per_us);
         let window = self.window_us * u64::from(ticks_per_us);
-        if signs.link.load(Relaxed) {
-            signs.link.store(false, Relaxed);
+        if heartbeats.link.load(Relaxed) {
+            heartbeats.link.store(false, Relaxed);
             self.link_at = now;
         } else if now.saturating_sub(self.link_at) > ticks(LINK_BOUND_US) {
             self.silent.get_or_insert(Silent::Link);
         }
         let slot_0_silent = now.saturating_sub(self.slot_0_at);
-        if signs.slot_0.load(Relaxed) {
-            signs.slot_0.store(false, Relaxed);
+        if heartbeats.background.load(Relaxed) {
+            heartbeats.background.store(false, Relaxed);
             self.slot_0_at = now;
-            self.taken_us = Taken::now(signs);
-        } else if slot_0_silent > ticks(SLOT_0_BOUND_US) {
+            self.taken_us = Taken::now(heartbeats);
+        } else if slot_0_silent > ticks(BACKGROUND_BOUND_US) {
             let silent_us = microseconds(slot_0_silent, ticks_per_us);
-            let is_starved = self.taken_us.is_starved_by_link(signs, silent_us);
+            let is_starved = self.taken_us.is_starved_by_link(heartbeats, silent_us);
             self.silent.get_or_insert(match is_starved {
-                true => Silent::Slot0ForLink,
-                false => Silent::Slot0,
+                true => Silent::BackgroundForLink,
+                false => Silent::Background,
             });
         }
         match self.began {
@@ -216,18 +217,18 @@ mod tests {
 
     #[test]
     fn time_of_slots_is_told_whole_before_and_after_it_is_settled() {
-        let signs = Signs::new();
-        signs.settle_slots(50);
+        let heartbeats = Heartbeats::new();
+        heartbeats.settle_slots(50);
         let mut ticks: u32 = 0;
         for took in [49, 1, 120, 49, 1_000_000] {
             ticks += took;
-            signs
+            heartbeats
                 .slots_ticks
-                .store(signs.slots_ticks.load(Relaxed) + took, Relaxed);
-            assert_eq!(signs.slots_us(), ticks / 50);
-            signs.settle_slots(50);
-            assert_eq!(signs.slots_us(), ticks / 50);
-            assert!(signs.slots_ticks.load(Relaxed) < 50);
+                .store(heartbeats.slots_ticks.load(Relaxed) + took, Relaxed);
+            assert_eq!(heartbeats.slots_us(), ticks / 50);
+            heartbeats.settle_slots(50);
+            assert_eq!(heartbeats.slots_us(), ticks / 50);
+            assert!(heartbeats.slots_ticks.load(Relaxed) < 50);
         }
     }
 
@@ -252,7 +253,7 @@ mod tests {
         };
 
         fn watched_for(&self, time_us: u64) -> Option<(u64, Silent)> {
-            let signs = Signs::new();
+            let heartbeats = Heartbeats::new();
             let mut supervision = Supervision::new();
             supervision.begin_mission(400_000);
             let mut executed = [false; 3];
@@ -262,10 +263,12 @@ mod tests {
                 {
                     *executed |= now_us < end_us && now_us % u64::from(period_us) == 0;
                 }
-                signs.link.store(now_us < self.link_ends_us, Relaxed);
-                signs.slot_0.store(now_us < self.slot_0_ends_us, Relaxed);
+                heartbeats.link.store(now_us < self.link_ends_us, Relaxed);
+                heartbeats
+                    .background
+                    .store(now_us < self.slot_0_ends_us, Relaxed);
                 let now = now_us * u64::from(TICKS_PER_US);
-                let asked = supervision.allows_food(now, TICKS_PER_US, &signs, self.runs, || {
+                let asked = supervision.may_feed(now, TICKS_PER_US, &heartbeats, self.runs, || {
                     let silent = executed.iter().position(|executed| !executed);
                     executed = [false; 3];
                     silent
@@ -315,8 +318,8 @@ mod tests {
                     runs: false,
                     ..Made::ALL_WELL
                 },
-                SLOT_0_BOUND_US,
-                Silent::Slot0,
+                BACKGROUND_BOUND_US,
+                Silent::Background,
             ),
         ] {
             let (at_us, who) = made.watched_for(60_000_000).expect("it is found");
@@ -330,17 +333,17 @@ mod tests {
     fn a_slot_0_whose_time_the_link_took_is_told_from_one_that_hangs() {
         // Percent of the time that link and slots take, and who is silent.
         for (link, slots, expected) in [
-            (0, 0, Silent::Slot0),
-            (0, 100, Silent::Slot0),
+            (0, 0, Silent::Background),
+            (0, 100, Silent::Background),
             // Its share, beside a task that hangs.
-            (50, 0, Silent::Slot0),
-            (30, 40, Silent::Slot0),
-            (1, 99, Silent::Slot0),
-            (100, 0, Silent::Slot0ForLink),
-            (65, 35, Silent::Slot0ForLink),
-            (90, 5, Silent::Slot0ForLink),
+            (50, 0, Silent::Background),
+            (30, 40, Silent::Background),
+            (1, 99, Silent::Background),
+            (100, 0, Silent::BackgroundForLink),
+            (65, 35, Silent::BackgroundForLink),
+            (90, 5, Silent::BackgroundForLink),
         ] {
-            let signs = Signs::new();
+            let heartbeats = Heartbeats::new();
             let mut supervision = Supervision::new();
             let found = (0..2_000).find_map(|step| {
                 let step_us = 10_000;
@@ -348,13 +351,13 @@ mod tests {
                 let took_us = |percent: u32| {
                     (u32::MAX - 3_000_000).wrapping_add(step * (step_us / 100) * percent)
                 };
-                signs.link_us.store(took_us(link), Relaxed);
-                signs.slots_us.store(took_us(slots), Relaxed);
-                signs.link.store(true, Relaxed);
-                signs.slot_0.store(step == 0, Relaxed);
+                heartbeats.link_us.store(took_us(link), Relaxed);
+                heartbeats.slots_us.store(took_us(slots), Relaxed);
+                heartbeats.link.store(true, Relaxed);
+                heartbeats.background.store(step == 0, Relaxed);
                 let now = u64::from(step * step_us * TICKS_PER_US);
                 supervision
-                    .allows_food(now, TICKS_PER_US, &signs, false, || None)
+                    .may_feed(now, TICKS_PER_US, &heartbeats, false, || None)
                     .err()
             });
             assert_eq!(found, Some(expected), "link {link} %, slots {slots} %");
@@ -376,10 +379,10 @@ mod tests {
         assert_eq!(Silent::from_number(0), None);
         for who in [
             Silent::Link,
-            Silent::Slot0,
+            Silent::Background,
             Silent::Slot(0),
             Silent::Slot(255),
-            Silent::Slot0ForLink,
+            Silent::BackgroundForLink,
         ] {
             assert_eq!(Silent::from_number(who.number()), Some(who));
         }

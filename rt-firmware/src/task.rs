@@ -138,7 +138,7 @@ pub trait Task: Declared + Send {
     /// activation.
     fn enter(&mut self) {}
 
-    /// Executes the task once. For a real-time task this is called once in each occurrence of its
+    /// Executes the task once. For a real-time task this is called once in each activation of its
     /// slot and must end within the slot's duration; for a task in slot 0 it is called again and
     /// again, preempted by every slot, until it returns [`Step::Finished`].
     fn step(&mut self, io: &mut Io<'_>) -> Step;
@@ -147,7 +147,7 @@ pub trait Task: Declared + Send {
 /// What a step says about the task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// The task goes on in the next occurrence of its slot.
+    /// The task goes on in the next activation of its slot.
     Run,
     /// The task has done its work: its exit flag is set and it is not executed again until its
     /// state is entered anew.

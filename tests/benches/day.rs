@@ -1,4 +1,4 @@
-//! `cargo xtask bench day`: the default robot on patrol for a day of virtual time, every occurrence
+//! `cargo xtask bench day`: the default robot on patrol for a day of virtual time, every activation
 //! of every slot compared with what its period says.
 //!
 //! One argument: how many minutes it is to be, 1,440 unless told otherwise. Ends with status 1 if

@@ -48,8 +48,8 @@ const KINDS: [(&str, &[&str], &[&str]); 3] = [
 const KINDS_PORTS: [u32; KINDS.len()] = [0, 2, 4];
 /// Duration of such a slot, in microseconds.
 const DURATION_US: usize = 3_500;
-/// Occurrences whose start times are compared with what they should be.
-const OCCURRENCES: u64 = 1_000_000_000;
+/// Activations whose start times are compared with what they should be.
+const ACTIVATIONS: u64 = 1_000_000_000;
 /// How long the emulator may take for a run.
 const RUN_LIMIT: Duration = Duration::from_secs(60);
 
@@ -179,10 +179,10 @@ fn bench(firmware: &Path) -> Result<(), Box<dyn Error>> {
     }
     println!("\n{}", table(&runs));
     let begun = Instant::now();
-    let run = exactness::run(OCCURRENCES);
+    let run = exactness::run(ACTIVATIONS);
     println!(
         "{} occurrences of 16 slots on the host, {} days of a robot's time, over {} wraps of 32 bits of microseconds and {} of ticks: {} wrong ({:.1} s).",
-        run.occurrences,
+        run.activations,
         run.robot_s / 86_400,
         run.microsecond_wraps,
         run.tick_wraps,

@@ -26,7 +26,7 @@ use host_tools::serial::noise::{Noise, Noisy};
 use host_tools::serial::pacing::Paced;
 use host_tools::serial::{ByteLink, DEFAULT_BAUD};
 use rt_firmware::body::flash::ERASE_BYTES;
-use rt_firmware::store::keep::flash_bytes;
+use rt_firmware::store::flash_store::flash_bytes;
 
 const MISSION: &str = "missions/patrol.esm";
 const BODY: &str = "missions/rover.esm";
@@ -34,7 +34,7 @@ const WORLD: &str = "missions/worlds/office.world";
 
 /// Length of the blobs that are uploaded.
 const BLOB_BYTES: usize = 4_096;
-/// The worst line that uploads must arrive over: of 100 bytes so many are spoiled.
+/// The worst line that uploads must arrive over: of 100 bytes so many are corrupt.
 const WORST_PERCENT: u32 = 5;
 /// Uploads on the good line, and on each of the bad ones.
 const UPLOADS: usize = 8;

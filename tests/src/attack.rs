@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use esm_link::access::{Access, NONCE_BYTES, PROOF_BYTES};
 use esm_link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, encode, parse, unpack};
-use esm_link::key_store::{KeyRecord, KeyStore, NotKept, Volatile, WriteError};
+use esm_link::key_store::{KeyStore, NotStored, StoredKey, Volatile, WriteError};
 use esm_link::message::{
     FromDevice, LinkError, Mode, Request, Response, Status, ToDevice, UNKNOWN,
 };
@@ -23,7 +23,7 @@ use host_tools::link_client::{ClientError, LinkClient};
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::{Clock, SimulatedTime};
 use rt_firmware::{
-    About, Bank, Board, Io, Limits, LinkPort, LinkSide, Mail, Memory, RealTime, Step, Task,
+    About, Board, Io, Limits, LinkPort, LinkSide, Mailbox, Memory, RealTime, Step, Task, TaskPool,
     registry, split, task,
 };
 
@@ -123,16 +123,16 @@ impl LinkPort for Wire {
         self.from_robot.push(byte);
         true
     }
-    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
+    fn key_store(&mut self) -> Option<&mut dyn KeyStore> {
         Some(self)
     }
 }
 
 impl KeyStore for Wire {
-    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+    fn read(&mut self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
         self.safe.read(record, room)
     }
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
+    fn write(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError> {
         Ok(self.safe.write(record, bytes)?)
     }
 }
@@ -595,11 +595,11 @@ enum Deed {
 /// The robot cannot be made.
 pub fn attack(seed: u64, attacks: u64) -> Outcome {
     let mut lamps = Lamps {
-        lamp: Bank::new([Lamp]),
+        lamp: TaskPool::new([Lamp]),
     };
     let mut banks = lamps.banks();
     let mut memory = Memory::<BLOB_BYTES, 64, SLOTS, 4, 4, 1, 256>::new();
-    let mut mail = Mail::new();
+    let mut mail = Mailbox::new();
     let about = About::new("lamps", "attacked");
     let sides = split(&mut memory, &mut banks, &mut mail, about, Limits::default());
     let Ok((real_time, _, link)) = sides else {

@@ -1,5 +1,5 @@
 //! A robot that drives for a day, on a clock that runs as fast as this machine can: is every
-//! occurrence of every slot where its period says, to the microsecond, after hours and beyond the
+//! activation of every slot where its period says, to the microsecond, after hours and beyond the
 //! wraps of 32-bit counters?
 //!
 //! Runtime, dispatcher, interpreter, tasks and link are those of the firmware, the body is the
@@ -20,8 +20,8 @@ use rt_firmware::body::{
 };
 use rt_firmware::rover::PinRover;
 use rt_firmware::{
-    About, Background, Board, Limits, LinkPort, LinkSide, Mail, Memory, OccurrenceStart, RealTime,
-    TaskBank, split,
+    About, ActivationStart, AnyTaskPool, Background, Board, Limits, LinkPort, LinkSide, Mailbox,
+    Memory, RealTime, split,
 };
 
 use crate::random::Random;
@@ -34,7 +34,7 @@ const TICKS_PER_US: u32 = 50;
 const MOST_LATENCY_TICKS: usize = 5 * TICKS_PER_US as usize;
 /// The most that passes from one look at the clock to the next, in ticks.
 const MOST_WORK_TICKS: usize = 40;
-/// The most that an occurrence may begin after its nominal start: the latency, and the looks at the
+/// The most that an activation may begin after its nominal start: the latency, and the looks at the
 /// clock before it.
 const MOST_DELAY_US: u64 = 10;
 /// Rounds within which a request is answered.
@@ -47,15 +47,15 @@ const SLOTS: usize = 16;
 pub struct SlotRun {
     /// The slot, as the mission has it.
     pub slot: Slot,
-    /// Occurrences that the robot counts as executed.
+    /// Activations that the robot counts as executed.
     pub executed: u64,
-    /// Occurrences that it counts as missed.
+    /// Activations that it counts as missed.
     pub missed: u64,
     /// Executions that it counts as overruns.
     pub overruns: u64,
-    /// Nominal start of the last occurrence, in microseconds since the mission started.
+    /// Nominal start of the last activation, in microseconds since the mission started.
     pub last_start_us: u64,
-    /// Occurrences whose nominal start lies within the run.
+    /// Activations whose nominal start lies within the run.
     pub expected: u64,
 }
 
@@ -66,7 +66,7 @@ pub struct Run {
     pub slots: Vec<SlotRun>,
     /// What the robot says of itself at the end.
     pub status: Status,
-    /// The first occurrence whose nominal start was not where its period says, or that began too
+    /// The first activation whose nominal start was not where its period says, or that began too
     /// late, in words.
     pub first_wrong: Option<String>,
     /// The way that the robot drove through its world, in metres.
@@ -106,12 +106,12 @@ impl Run {
 struct MadeUp<'p, 'b> {
     ticks: u64,
     random: Random,
-    /// When the timer was last set to come; of the first occurrence, this is its nominal start.
+    /// When the timer was last set to come; of the first activation, this is its nominal start.
     due_ticks: u64,
-    /// The clock at the mission's start, once there was an occurrence.
+    /// The clock at the mission's start, once there was an activation.
     origin_ticks: Option<u64>,
     slots: Vec<Slot>,
-    /// Occurrences of each slot so far, and the nominal start of the last one.
+    /// Activations of each slot so far, and the nominal start of the last one.
     begun: Vec<(u64, u64)>,
     first_wrong: Option<String>,
     pins: &'p PinImage,
@@ -172,16 +172,16 @@ impl Body<'_> {
 }
 
 impl MadeUp<'_, '_> {
-    /// Compares an occurrence with what is to be. None is lost or doubled if each slot's starts go
+    /// Compares an activation with what is to be. None is lost or doubled if each slot's starts go
     /// on by its period.
-    fn compare(&mut self, occurrence: &OccurrenceStart) {
+    fn compare(&mut self, activation: &ActivationStart) {
         let origin_ticks = *self.origin_ticks.get_or_insert(self.due_ticks);
         let (Some(slot), Some((count, last_us))) = (
-            self.slots.get(occurrence.slot),
-            self.begun.get_mut(occurrence.slot),
+            self.slots.get(activation.slot),
+            self.begun.get_mut(activation.slot),
         ) else {
             self.first_wrong
-                .get_or_insert(format!("there is no such slot: {occurrence:?}"));
+                .get_or_insert(format!("there is no such slot: {activation:?}"));
             return;
         };
         let expected_us = u64::from(slot.start_us) + *count * u64::from(slot.period_us);
@@ -190,14 +190,14 @@ impl MadeUp<'_, '_> {
             .ticks
             .checked_sub(nominal_ticks)
             .map(|ticks| ticks / u64::from(TICKS_PER_US));
-        if occurrence.start_us != expected_us || delay_us.is_none_or(|us| us > MOST_DELAY_US) {
+        if activation.start_us != expected_us || delay_us.is_none_or(|us| us > MOST_DELAY_US) {
             self.first_wrong.get_or_insert(format!(
                 "occurrence {count} of slot {} is nominally at {expected_us} us; told {} us, begun {delay_us:?} us after it",
-                slot.number, occurrence.start_us
+                slot.number, activation.start_us
             ));
         }
         *count += 1;
-        *last_us = occurrence.start_us;
+        *last_us = activation.start_us;
     }
 }
 
@@ -209,10 +209,10 @@ impl Board for MadeUp<'_, '_> {
         self.ticks
     }
 
-    fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
-        self.compare(occurrence);
+    fn begin_activation(&mut self, activation: &ActivationStart) -> Result<(), SafeReason> {
+        self.compare(activation);
         let request =
-            (self.exchange).request(self.pins, occurrence.start_us, occurrence.previous_end_us);
+            (self.exchange).request(self.pins, activation.start_us, activation.previous_end_us);
         let reply = self.body.exchange(&request);
         match self.exchange.accept(self.pins, Some(&reply.encode())) {
             Freshness::Fresh | Freshness::Stale => Ok(()),
@@ -304,7 +304,7 @@ impl Robot<'_, '_, '_, '_> {
                     return take(response).ok_or_else(|| format!("{request:?}: {response:?}"));
                 }
             }
-            // The run's time begins with the mission's first occurrence, at which a commit is
+            // The run's time begins with the mission's first activation, at which a commit is
             // answered.
             if self.board.origin_ticks.is_none() {
                 self.wait();
@@ -345,17 +345,17 @@ pub fn drive(mission: &Path, body: Body<'_>, duration_us: u64) -> Result<Run, St
 pub fn drive_robot(
     blob: &[u8],
     pins: &PinImage,
-    banks: &mut [&mut (dyn TaskBank + '_)],
+    banks: &mut [&mut (dyn AnyTaskPool + '_)],
     body: Body<'_>,
     duration_us: u64,
 ) -> Result<Run, String> {
     let slots: Vec<Slot> = subject::verified(blob)?.tables().slots().collect();
-    let mut banks: Vec<&mut dyn TaskBank> = banks
+    let mut banks: Vec<&mut dyn AnyTaskPool> = banks
         .iter_mut()
-        .map(|bank| &mut **bank as &mut dyn TaskBank)
+        .map(|bank| &mut **bank as &mut dyn AnyTaskPool)
         .collect();
     let mut memory = Memory::<4096, 256, SLOTS, 32, 32, 4, 1024>::new();
-    let mut mail = Mail::new();
+    let mut mail = Mailbox::new();
     let (real_time, background, link) = split(
         &mut memory,
         &mut banks,

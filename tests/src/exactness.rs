@@ -2,14 +2,14 @@
 //! multiplication.
 
 use esm_core::Dispatcher;
-use esm_core::dispatcher::Occurrence;
+use esm_core::dispatcher::Activation;
 use esm_core::tables::Slot;
 
 /// Ticks of the board's clock in a microsecond.
 const TICKS_PER_US: u64 = 50;
 /// The longest period that a blob may have.
 const LONGEST_PERIOD_US: u32 = 4_000_000_000;
-/// How late each occurrence is asked for, in microseconds.
+/// How late each activation is asked for, in microseconds.
 const LATE_US: u64 = 3;
 /// Number of slots.
 const SLOTS: usize = 16;
@@ -17,8 +17,8 @@ const SLOTS: usize = 16;
 /// What a run showed.
 #[derive(Clone, Copy, Debug)]
 pub struct Exactness {
-    /// Occurrences that were taken.
-    pub occurrences: u64,
+    /// Activations that were taken.
+    pub activations: u64,
     /// Those that were not what the slot, its period and their number say, or out of order, or
     /// missed.
     pub wrong: u64,
@@ -30,12 +30,12 @@ pub struct Exactness {
     pub tick_wraps: u64,
 }
 
-/// Takes so many occurrences of 16 slots: 15 of a second, and one of the longest period that there
+/// Takes so many activations of 16 slots: 15 of a second, and one of the longest period that there
 /// is.
 ///
 /// # Panics
 /// If the dispatcher refuses the slots.
-pub fn run(occurrences: u64) -> Exactness {
+pub fn run(activations: u64) -> Exactness {
     let slots: [Slot; SLOTS] = core::array::from_fn(|index| {
         let (period_us, start_us) = match index {
             0 => (LONGEST_PERIOD_US, LONGEST_PERIOD_US - 1),
@@ -54,10 +54,10 @@ pub fn run(occurrences: u64) -> Exactness {
     let mut taken = [0_u64; SLOTS];
     let mut wrong = 0;
     let mut last = dispatcher.next();
-    for _ in 0..occurrences {
+    for _ in 0..activations {
         let next = dispatcher.next();
         let slot = &slots[next.slot];
-        let nominal = Occurrence {
+        let nominal = Activation {
             slot: next.slot,
             start_us: u64::from(slot.start_us) + taken[next.slot] * u64::from(slot.period_us),
         };
@@ -73,7 +73,7 @@ pub fn run(occurrences: u64) -> Exactness {
         .map(|slot| u64::from(dispatcher.missed(slot)))
         .sum::<u64>();
     Exactness {
-        occurrences,
+        activations,
         wrong,
         robot_s: last.start_us / 1_000_000,
         microsecond_wraps: last.start_us >> 32,

@@ -14,7 +14,7 @@ use std::time::Duration;
 use esm_link::access::Access;
 use esm_link::frame::{self, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES};
 use esm_link::message::{
-    Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, Mode, Request, Response,
+    Capacities, Channel, CrashReport, DeviceInfo, FromDevice, LinkError, Mode, Request, Response,
     Status, Stream, Swap, ToDevice, Uploads,
 };
 use esm_link::telemetry::Ask;
@@ -177,7 +177,7 @@ impl Honest {
         }
         robot.running_blob().unwrap();
         robot.status().unwrap();
-        robot.last_words().unwrap();
+        robot.crash_report().unwrap();
         robot.black_box().unwrap();
         robot.current_states().unwrap();
         robot.slot_counters(0).unwrap();
@@ -814,9 +814,9 @@ impl Liar {
                 end: from.map_or(one as u32, |from| from.wrapping_add(two as u32)),
                 records: &data,
             },
-            (Request::LastWords, Some(Ok(Response::LastWords { words, .. }))) => {
-                Response::LastWords {
-                    words: LastWords {
+            (Request::CrashReport, Some(Ok(Response::CrashReport { words, .. }))) => {
+                Response::CrashReport {
+                    words: CrashReport {
                         after_us: one,
                         line: two as u32,
                         ..words

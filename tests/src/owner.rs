@@ -2,7 +2,7 @@
 //! looked at.
 
 use esm_link::access::{KEY_BYTES, NONCE_BYTES, SALT_BYTES, SIGNATURE_BYTES, install};
-use esm_link::message::{Identity, PROVEN_HEAD_BYTES, Request};
+use esm_link::message::{Identity, PROVEN_HEADER_BYTES, Request};
 use esm_link::proof::{Proof, Secret, Session, is_same};
 use host_tools::keys::SigningKey;
 
@@ -83,7 +83,7 @@ impl Owner {
 
     /// Whether this message is the robot's own answer to the request of this number.
     pub fn accepts(&self, number: u32, proof: &Proof, message: &[u8]) -> bool {
-        let answer = message.get(PROVEN_HEAD_BYTES..).unwrap_or_default();
+        let answer = message.get(PROVEN_HEADER_BYTES..).unwrap_or_default();
         is_same(proof, &self.session.of_answer(number, answer))
     }
 }

@@ -21,7 +21,7 @@ use host_tools::run::board::Board;
 use host_tools::run::drive::{self, Plan, Planned};
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
-use rt_firmware::TaskBank;
+use rt_firmware::AnyTaskPool;
 use rt_firmware::body::Parts;
 use rt_firmware::rover::{CHASSIS, PinRover, PinRoverParts};
 use rt_firmware::tasks::Chassis;
@@ -552,8 +552,8 @@ fn a_changed_plant_or_table_breaks_the_equality() {
         ])
         .good();
         let trace = std::fs::read_to_string(trace).unwrap();
-        // Without a recording slot-0 runs end where the host ends them: for this mission that is
-        // where the emulator did.
+        // Without a recording background runs end where the host ends them: for this mission that
+        // is where the emulator did.
         let equal = first_difference(&run.trace, &trace).is_none();
         assert_eq!(equal, what == "nothing", "changed was: {what}");
     }
@@ -694,7 +694,7 @@ fn a_mission_that_follows_another_delays_its_first_step_by_less_than_a_period_co
 }
 
 /// A robot like the rover, but with wheels a millimetre farther apart.
-fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + '_)])) {
+fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn AnyTaskPool + '_)])) {
     let parts: PinRoverParts<'_> = parts.into();
     let wider = Chassis {
         wheel_base_m: CHASSIS.wheel_base_m + 0.001,

@@ -1,10 +1,10 @@
-//! The dispatcher against what it means: the sorted list of all occurrences, whenever they are
+//! The dispatcher against what it means: the sorted list of all activations, whenever they are
 //! asked for.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use esm_core::Dispatcher;
-use esm_core::dispatcher::Occurrence;
+use esm_core::dispatcher::Activation;
 use esm_core::tables::Slot;
 use esm_tests::random::Random;
 use esm_tests::{environment, exactness};
@@ -60,22 +60,22 @@ impl List {
         }
     }
 
-    fn next(&self) -> Occurrence {
+    fn next(&self) -> Activation {
         let (start_us, slot) = self.next_us.iter().zip(0..).min().unwrap();
-        Occurrence {
+        Activation {
             slot,
             start_us: *start_us,
         }
     }
 
-    fn take(&mut self, now_us: u64) -> Option<Occurrence> {
-        let Occurrence { slot, start_us } = self.next();
+    fn take(&mut self, now_us: u64) -> Option<Activation> {
+        let Activation { slot, start_us } = self.next();
         let period_us = u64::from(self.slots[slot].period_us);
         let missed = now_us.checked_sub(start_us)? / period_us;
         self.missed[slot] += missed;
         let start_us = start_us + missed * period_us;
         self.next_us[slot] = start_us + period_us;
-        Some(Occurrence { slot, start_us })
+        Some(Activation { slot, start_us })
     }
 }
 
@@ -118,7 +118,7 @@ fn occurrences_are_those_of_a_sorted_list_however_late_they_are_asked_for() {
 }
 
 /// What runs here lasts for 55 hours of a robot's time. `cargo xtask bench dispatch` takes a
-/// billion occurrences.
+/// billion activations.
 #[test]
 fn nothing_drifts() {
     let run = exactness::run(environment::number("ESM_OCCURRENCES", 3_000_000));

@@ -8,7 +8,7 @@
 
 use std::path::PathBuf;
 
-use rt_firmware::supervision::SLOT_0_BOUND_US;
+use rt_firmware::supervision::BACKGROUND_BOUND_US;
 use tempfile::TempDir;
 
 use esm_tests::command::{Robot, esm, firmware};
@@ -79,8 +79,8 @@ const COUNTED: &[Counted] = &[
         missed: 0,
     },
     Counted {
-        // 42 ms: the next occurrences of slots 1 and 2 find no start within their period, those
-        // after them do. So does slot 3, at whichever of the interpreter's occurrences the mission
+        // 42 ms: the next activations of slots 1 and 2 find no start within their period, those
+        // after them do. So does slot 3, at whichever of the interpreter's activations the mission
         // began.
         what: "an overrun over two periods",
         states: "task After: Overrun with { duration_us = 42000 }; Quiet -> After [timeout];",
@@ -178,13 +178,13 @@ fn what_ends_the_firmware_is_told_after_the_reset() {
             status["mode"], "empty",
             "{task}: no mission, so nothing moves"
         );
-        // In words for people, and in the flight recorder, behind what the mission did.
+        // In words for people, and in the black box, behind what the mission did.
         let told = robot.esm(&["status"]).good().out;
         assert!(told.contains(detail), "{task}: {told}");
         let words = &status["last_words"];
         let (in_task, from_us) = match task {
             // All slots go on, until the idle loop has been away for too long.
-            "NeverReturnInSlot0" => (serde_json::Value::Null, 1_000_000 + SLOT_0_BOUND_US),
+            "NeverReturnInSlot0" => (serde_json::Value::Null, 1_000_000 + BACKGROUND_BOUND_US),
             _ => (0.into(), 1_000_000),
         };
         assert_eq!(words["task"], in_task, "{task}: {words:#}");

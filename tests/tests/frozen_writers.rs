@@ -26,7 +26,7 @@ use rt_firmware::tasks::{
     Back, BatteryGuard, Cruise, DriveDistance, DriveOpenLoop, FollowLine, FollowWall, LineMonitor,
     LinkMonitor, Logger, ProximityMonitor, RoundCorner, SlotMonitor, Stop, Turn, WheelSpeed,
 };
-use rt_firmware::{Bank, Io, Step, Task, TaskBank};
+use rt_firmware::{AnyTaskPool, Io, Step, Task, TaskPool};
 
 /// Which task freezes, and when.
 struct Freeze {
@@ -106,7 +106,7 @@ enum Wheels {
     OpenLoop,
 }
 
-/// The board and the body at the nominal start of an occurrence.
+/// The board and the body at the nominal start of an activation.
 #[derive(Clone, Copy)]
 struct Moment {
     robot_us: u64,
@@ -181,19 +181,19 @@ fn with_robot<R>(
     pins: &PinImage,
     freeze: &Freeze,
     wheels: Wheels,
-    run: impl FnOnce(&mut [&mut (dyn TaskBank + '_)]) -> R,
+    run: impl FnOnce(&mut [&mut (dyn AnyTaskPool + '_)]) -> R,
 ) -> R {
     fn bank<'f, T: Task, const N: usize>(
         freeze: &'f Freeze,
         task: impl Fn() -> T,
-    ) -> Bank<Frozen<'f, T>, N> {
-        Bank::new(array::from_fn(|_| Frozen {
+    ) -> TaskPool<Frozen<'f, T>, N> {
+        TaskPool::new(array::from_fn(|_| Frozen {
             task: task(),
             freeze,
             executions: 0,
         }))
     }
-    fn one<T: Task>(freeze: &Freeze, task: T) -> Bank<Frozen<'_, T>, 1> {
+    fn one<T: Task>(freeze: &Freeze, task: T) -> TaskPool<Frozen<'_, T>, 1> {
         let task = Cell::new(Some(task));
         bank(freeze, || task.take().unwrap())
     }
@@ -569,7 +569,7 @@ fn a_battery_that_nobody_measures_counts_as_empty_where_somebody_guards_it() {
     let subject = Subject::new(guarded, "office");
     let mut driven = subject.driven(&Freeze::new("nobody", 0), LEFT_US + 2 * WATCHED_US);
     driven.frozen_us = LEFT_US + PERIOD_US; // the macro step in which it is left
-    // The guard's second, the voltage's age before that, and an occurrence of the guard's slot
+    // The guard's second, the voltage's age before that, and an activation of the guard's slot
     // beyond each.
     let bound_us = within_us::<BatteryGuard>("battery") + 1_000_000 + 2 * SLOW_PERIOD_US;
     driven.stands_within("nobody measures the battery", bound_us);

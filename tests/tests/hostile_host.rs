@@ -196,7 +196,7 @@ fn pass_over_answers(line: &mut impl ByteLink) {
     loop {
         line.send(&question).unwrap();
         let mut buffer = [0; 1024];
-        // Asked anew where nothing comes for a while: what the flood began may have spoiled it.
+        // Asked anew where nothing comes for a while: what the flood began may have corrupt it.
         loop {
             assert!(begun.elapsed() < PATIENCE, "it never ends");
             let count = line.receive(&mut buffer, Duration::from_secs(1)).unwrap();

@@ -65,7 +65,7 @@ fn requests() -> Vec<(&'static str, Request<'static>)> {
         ("states", Request::States { first: 0 }),
         ("slot counters", Request::SlotCounters { slot: 0 }),
         ("task counters", Request::TaskCounters { task_instance: 0 }),
-        ("last words", Request::LastWords),
+        ("last words", Request::CrashReport),
         ("black box", Request::BlackBox { from: None }),
         ("challenge", Request::Challenge),
         (
@@ -742,7 +742,7 @@ impl StopTrials {
         // The flash is spared where that is done again and again; the stop ends all the same.
         let released = client.release().map_err(|error| error.refusal());
         assert!(
-            matches!(released, Ok(()) | Err(Some(LinkError::StopNotKept))),
+            matches!(released, Ok(()) | Err(Some(LinkError::StopNotStored))),
             "{what}: {released:?}"
         );
         drop(client);

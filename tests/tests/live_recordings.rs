@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use esm_link::frame::{self, FrameReader};
 use esm_link::message::{Channel, FromDevice, Mode, Swap};
-use esm_link::trace::TraceRecord;
+use esm_link::trace::TraceEvent;
 use esm_tests::command::{Robot, Running, esm, esm_binary, firmware, root};
 use host_tools::compile::compile;
 use host_tools::files::load_world;
@@ -145,7 +145,7 @@ impl Session {
             };
             match recording.take(&mut self.robot, &event).unwrap() {
                 Some(Noted::Gap(_)) => self.gaps += 1,
-                Some(Noted::Missed(hash)) => panic!("{hash:08x} was not read"),
+                Some(Noted::DeadlineMiss(hash)) => panic!("{hash:08x} was not read"),
                 None => {}
             }
         }
@@ -226,11 +226,11 @@ impl Made {
             }
         };
         while !rest.is_empty() {
-            let Ok(record) = TraceRecord::take(&mut rest) else {
+            let Ok(record) = TraceEvent::take(&mut rest) else {
                 // The last one was under way when the session ended.
                 break;
             };
-            if let TraceRecord::Started { mission, start_us } = record {
+            if let TraceEvent::Started { mission, start_us } = record {
                 keep(playing.take());
                 let of = missions.iter().find(|of| of.hash == mission).unwrap();
                 let mut story = Story::new(Vec::new(), None);

@@ -9,8 +9,8 @@ use esm_tests::command::{Robot, firmware, root};
 use esm_tests::subject;
 use host_tools::boards;
 use rt_firmware::body::flash::ERASE_BYTES;
-use rt_firmware::store::HEAD_BYTES;
-use rt_firmware::store::keep::flash_bytes;
+use rt_firmware::store::HEADER_BYTES;
+use rt_firmware::store::flash_store::flash_bytes;
 use serde_json::Value;
 
 const SOURCE: &str = "missions/stand_by.esm";
@@ -100,7 +100,7 @@ fn a_robot_whose_missions_are_both_damaged_stands_by() {
     let slot = (cells.len() - records) / 2;
     assert!(slot > blob_bytes as usize);
     for first in [0, slot] {
-        cells[first + HEAD_BYTES as usize + 100] ^= 1;
+        cells[first + HEADER_BYTES as usize + 100] ^= 1;
     }
     std::fs::write(&flash, cells).unwrap();
     assert_stands_by(&robot_with(&flash, "rover"), "broken payload");

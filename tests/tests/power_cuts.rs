@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-use esm_link::message::{Mode, SlotState, Source, Status, Swap};
+use esm_link::message::{BankState, Mode, Source, Status, Swap};
 use esm_tests::command::{firmware, root};
 use esm_tests::{environment, subject};
 use host_tools::boards;
@@ -18,7 +18,7 @@ use host_tools::serial::ByteLink;
 use host_tools::serial::pacing::Paced;
 use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::body::{Reply, Request, Sensors};
-use rt_firmware::store::keep::flash_bytes;
+use rt_firmware::store::flash_store::flash_bytes;
 
 /// Nobody waits for a line here.
 const BAUD: u32 = 4_000_000;
@@ -150,9 +150,9 @@ fn check(flash: &Flash, due: &Due, missions: &[Mission]) -> Result<(), String> {
         (Source::A | Source::B, Some(_)) => {
             let state = kept.slots[usize::from(kept.runs == Source::B)];
             let expected = if status.trial.is_some() {
-                SlotState::OnTrial
+                BankState::OnTrial
             } else {
-                SlotState::Runs
+                BankState::Runs
             };
             status.mode == Mode::Running && state == expected
         }

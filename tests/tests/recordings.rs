@@ -20,7 +20,7 @@ use esm_tests::recorded::{
 };
 use host_tools::compile::compile;
 use host_tools::lang;
-use host_tools::recording::file::{self, FileEnd, FileError, Frame, Head};
+use host_tools::recording::file::{self, FileEnd, FileError, Frame, Header};
 use host_tools::recording::player::{Player, Recording, RecordingError, ReplayError, replay};
 use host_tools::recording::walk::{Moment, Walk};
 use host_tools::recording::writer::RecordingWriter;
@@ -367,7 +367,7 @@ fn times_beyond_all_sense_are_refused_or_told_as_they_can_be() {
             write_quiet(&mut records, MAX_QUIET);
         }
         Recording::read(&bytes_of(&[
-            Frame::Head(Head::default()),
+            Frame::Header(Header::default()),
             Frame::Mission {
                 name: "patrol".into(),
                 blob: mission.blob.clone(),
@@ -498,10 +498,10 @@ fn a_recording_whose_mission_is_another_or_none_is_told() {
         matches!(error, Some(ReplayError::NoMission { .. })),
         "{error:?}"
     );
-    let spoiled = Recording::read(&with(&|blob| blob[40] ^= 1)).unwrap_err();
+    let corrupt = Recording::read(&with(&|blob| blob[40] ^= 1)).unwrap_err();
     assert!(
-        matches!(spoiled, RecordingError::BadMission { .. }),
-        "{spoiled}"
+        matches!(corrupt, RecordingError::BadMission { .. }),
+        "{corrupt}"
     );
 }
 
@@ -633,7 +633,7 @@ fn random_machines_under_random_inputs_are_had_again() {
         let mut arena = vec![0; verified.arena_words()];
         let mut robot = Interpreter::new(verified, &mut arena).unwrap();
         let period_us = mission.directory.interpreter_period_us();
-        let mut writer = RecordingWriter::new(Vec::new(), Head::default(), None).unwrap();
+        let mut writer = RecordingWriter::new(Vec::new(), Header::default(), None).unwrap();
         writer
             .mission("random", mission.hash, &mission.blob, period_us)
             .unwrap();

@@ -11,7 +11,9 @@ use std::ops::Deref;
 
 use esm_core::reads::{Checked, Reads};
 use esm_core::tables::{StateKind, Tables};
-use esm_core::{Interpreter, Observer, Pairing, TakenOver, TooManyPairs, TransitionTaken, format};
+use esm_core::{
+    Interpreter, MappingTooLarge, Observer, StateMapping, TakenOver, TransitionTaken, format,
+};
 use esm_tests::random::Random;
 use esm_tests::{environment, random_machine, subject};
 use host_tools::compile::{NameTable, compile_with};
@@ -35,9 +37,9 @@ fn machine<'m>(blob: &[u8], arena: &'m mut Vec<u32>) -> Machine<'m> {
 /// takes over.
 fn take_over(new: &mut Machine<'_>, old: &Machine<'_>) -> TakenOver {
     let mut table = vec![0xAAAA; usize::from(u16::MAX)];
-    let mut pairing = Pairing::new(&mut table);
-    pairing.find(&new.tables(), &old.tables(), |_| 0).unwrap();
-    new.take_over(old, &pairing)
+    let mut mapping = StateMapping::new(&mut table);
+    mapping.find(&new.tables(), &old.tables(), |_| 0).unwrap();
+    new.take_over(old, &mapping)
 }
 
 /// What the tasks of a machine do before a macro step.
@@ -545,14 +547,14 @@ fn a_table_that_is_too_short_is_refused_with_what_is_needed() {
         let tables = verified.tables();
         let found = |entries: usize| {
             let mut table = vec![0; entries];
-            let mut pairing = Pairing::new(&mut table);
-            let found = pairing.find(&tables, &tables, |_| u8::MAX);
-            let pairs = pairing.tasks().count() + pairing.nets().count();
+            let mut mapping = StateMapping::new(&mut table);
+            let found = mapping.find(&tables, &tables, |_| u8::MAX);
+            let pairs = mapping.tasks().count() + mapping.nets().count();
             assert!(found.is_ok() || pairs == 0, "a part of it is nothing");
             found
         };
         let mut entries = 0;
-        while let Err(TooManyPairs { needed, available }) = found(entries) {
+        while let Err(MappingTooLarge { needed, available }) = found(entries) {
             assert!(needed > available && available == entries, "seed {seed}");
             entries = needed;
         }

@@ -123,7 +123,7 @@ const PARTS: [(&str, &[&str]); 9] = [
             "rt_firmware..drivers",
             "11rt_firmware5rover",
             "11rt_firmware8odometry",
-            "rt_firmware..ports..Bank",
+            "rt_firmware..ports..TaskPool",
         ],
     ),
     (

@@ -12,29 +12,30 @@
 /// the mission does and whether or not a host is there, until it is released. Without it nothing of
 /// a button is in the firmware.
 ///
-/// `safe_default` are the bytes of a mission that `esm build` has made: what the robot does if its
-/// flash has no mission that may run. Without it, it does nothing then.
+/// `default_mission` are the bytes of a mission that `esm build` has made: what the robot does if
+/// its flash has no mission that may run. Without it, it does nothing then.
 ///
 /// A firmware of another kind, such as a benchmark, names besides what its slots run on (a
 /// [`Board`](rt_firmware::Board), with the function that builds it from this crate's), the memory
 /// of its runtime, and how many slots that has.
 #[macro_export]
 macro_rules! app {
-    (firmware: $firmware:expr, robot: $robot:ty = $make:expr $(, safe_default: $safe_default:expr)? $(,)?) => {
+    (firmware: $firmware:expr, robot: $robot:ty = $make:expr
+     $(, default_mission: $default_mission:expr)? $(,)?) => {
         $crate::app! {
             firmware: $firmware,
             robot: $robot = $make,
             board: $crate::slots::SlotBoard = |board| board,
             memory: $crate::Memory<'static>,
             slots: $crate::settings::SLOTS,
-            $(safe_default: $safe_default,)?
+            $(default_mission: $default_mission,)?
         }
     };
     (
         firmware: $firmware:expr,
         robot: $robot:ty = $make:expr,
         emergency_stop: $pin:ty = $make_pin:expr
-        $(, safe_default: $safe_default:expr)? $(,)?
+        $(, default_mission: $default_mission:expr)? $(,)?
     ) => {
         $crate::app! {
             firmware: $firmware,
@@ -44,7 +45,7 @@ macro_rules! app {
             },
             memory: $crate::Memory<'static>,
             slots: $crate::settings::SLOTS,
-            $(safe_default: $safe_default,)?
+            $(default_mission: $default_mission,)?
         }
     };
     (
@@ -53,7 +54,7 @@ macro_rules! app {
         board: $board:ty = $make_board:expr,
         memory: $memory:ty,
         slots: $slots:expr
-        $(, safe_default: $safe_default:expr)? $(,)?
+        $(, default_mission: $default_mission:expr)? $(,)?
     ) => {
         #[$crate::rtic::app(device = $crate::pac, peripherals = false)]
         // RTIC calls unsafe functions in unsafe functions without a block around the call.
@@ -62,12 +63,14 @@ macro_rules! app {
             use core::mem::MaybeUninit;
 
             use super::*;
-            use $crate::flash::KeepMemory;
+            use $crate::flash::StoreMemory;
             use $crate::heapless::spsc::Queue;
             use $crate::line::{self, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
             use $crate::pac::Interrupt;
-            use $crate::rt_firmware::kept::Ending;
-            use $crate::rt_firmware::{About, Background, Limits, LinkSide, Mail, RealTime, TaskBank, split};
+            use $crate::rt_firmware::retained_ram::CrashCause;
+            use $crate::rt_firmware::{
+                About, Background, Limits, LinkSide, Mailbox, RealTime, AnyTaskPool, split,
+            };
             use $crate::{cortex_m, post_mortem, rtic, slot_timer, uart, watchdog};
 
             type MissionMemory = $memory;
@@ -91,14 +94,14 @@ macro_rules! app {
 
             #[init(local = [
                 robot: MaybeUninit<$robot> = MaybeUninit::uninit(),
-                banks: MaybeUninit<[&'static mut (dyn TaskBank + 'static); <$robot>::BANKS]> = MaybeUninit::uninit(),
+                banks: MaybeUninit<[&'static mut (dyn AnyTaskPool + 'static); <$robot>::POOLS]> = MaybeUninit::uninit(),
                 memory: MissionMemory = MissionMemory::new(),
-                mail: Mail<'static> = Mail::new(),
+                mailbox: Mailbox<'static> = Mailbox::new(),
                 real_time_place: MaybeUninit<RealTime<'static, 'static>> = MaybeUninit::uninit(),
                 link_place: MaybeUninit<LinkSide<'static, 'static>> = MaybeUninit::uninit(),
                 received: Queue<u8, RECEIVE_BYTES> = Queue::new(),
                 to_transmit: Queue<u8, TRANSMIT_BYTES> = Queue::new(),
-                keep: KeepMemory = KeepMemory::new(),
+                keep: StoreMemory = StoreMemory::new(),
             ])]
             fn init(cx: init::Context) -> (Shared, Local) {
                 let start = $crate::start();
@@ -115,7 +118,7 @@ macro_rules! app {
                 };
                 let mut background = None;
                 let real_time = $crate::put(cx.local.real_time_place, || {
-                    match split(cx.local.memory, banks, cx.local.mail, about, Limits::default()) {
+                    match split(cx.local.memory, banks, cx.local.mailbox, about, Limits::default()) {
                         Ok((real_time, other, link)) => {
                             background = Some((other, cx.local.link_place.write(link)));
                             real_time
@@ -126,8 +129,8 @@ macro_rules! app {
                 let Some((background, link)) = background else {
                     panic!("the sides are made together");
                 };
-                let safe_default: Option<&'static [u8]> = [$(&$safe_default[..])?].first().copied();
-                let keep = cx.local.keep.open(safe_default);
+                let default_mission: Option<&'static [u8]> = [$(&$default_mission[..])?].first().copied();
+                let keep = cx.local.keep.open(default_mission);
                 let (line, mut link_end) = line::split(
                     cx.local.received,
                     cx.local.to_transmit,
@@ -182,7 +185,7 @@ macro_rules! app {
 
             #[task(binds = WATCHDOG_TIMER_0, priority = 8)]
             fn slots_have_stopped(_: slots_have_stopped::Context) {
-                post_mortem::end(&Ending::Watchdog);
+                post_mortem::end(&CrashCause::Watchdog);
             }
         }
     };

@@ -11,7 +11,7 @@
 //!     firmware: "my robot 1.0",
 //!     robot: MyRobot<'static> = MyRobot::new,
 //!     emergency_stop: StopPin<'static> = lm3s6965::PINS.stop_button(),
-//!     safe_default: include_bytes!("../stand_by.blob"),
+//!     default_mission: include_bytes!("../stand_by.blob"),
 //! }
 //! ```
 //!
@@ -19,12 +19,12 @@
 //!
 //! | priority | interrupt | does |
 //! |---|---|---|
-//! | 8 | watchdog | last words of a firmware whose slots have stopped |
+//! | 8 | watchdog | crash report of a firmware whose slots have stopped |
 //! | 7 | timer 0 | the real-time side: slots, interpreter, real-time tasks, exchange with the plant |
 //! | 3 | UART 0 | bytes between the wire and the queues; listens for stops |
 //! | 3 | timer 1 | the same, where the plant carries the link ([`plant_line`]) |
 //! | 2 | SSI 0 (an unused vector, pended by software) | the link: requests, upload, trace and log streams |
-//! | 0 | none: the idle loop | slot-0 tasks; sleep |
+//! | 0 | none: the idle loop | background tasks; sleep |
 //!
 //! A critical section masks everything below the slot timer ([`critical`]), so nothing delays a
 //! slot. The sides share nothing but queues with one reader and one writer.
@@ -113,7 +113,7 @@ pub fn start() -> Start {
     uart::start();
     plant::open();
     let (reset, plant_time_us) = post_mortem::take();
-    let words = post_mortem::kept().last_words().0;
+    let words = post_mortem::kept().crash_report().0;
     match reset {
         ResetReason::Panic => {
             rt_firmware::error!("started again after a panic in line {=u32}", words.line)

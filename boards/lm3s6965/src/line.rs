@@ -6,16 +6,16 @@ use core::mem;
 use cortex_m::peripheral::NVIC;
 use esm_link::frame::MAX_FRAME_BYTES;
 #[cfg(feature = "keys")]
-use esm_link::key_store::{KeyRecord, KeyStore, NotKept, WriteError};
+use esm_link::key_store::{KeyStore, NotStored, StoredKey, WriteError};
 use esm_link::message::MAX_CHUNK;
 use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
 use rt_firmware::body::line::{LinePart, PART_BYTES};
 #[cfg(feature = "store")]
-use rt_firmware::link::trial::MissionKeeper;
+use rt_firmware::link::trial::MissionStore;
 use rt_firmware::{LinkPort, LinkSide, StopListener};
 
-use crate::flash::{self, BoardKeep};
+use crate::flash::{self, BoardStore};
 #[cfg(feature = "log")]
 use crate::log;
 use crate::{clock, plant_line, slot_timer, stack, uart};
@@ -41,7 +41,7 @@ pub fn split(
     received: &'static mut Queue<u8, RECEIVE_BYTES>,
     to_transmit: &'static mut Queue<u8, TRANSMIT_BYTES>,
     listener: StopListener<'static>,
-    keep: Option<&'static mut BoardKeep>,
+    keep: Option<&'static mut BoardStore>,
 ) -> (Line, LinkEnd) {
     let (received_in, received_out) = received.split();
     let (to_transmit_in, to_transmit_out) = to_transmit.split();
@@ -150,7 +150,7 @@ pub struct LinkEnd {
     /// When the stack was measured last, and how much of it was in use.
     stack: Option<(u64, u32)>,
     #[cfg_attr(not(feature = "store"), expect(dead_code, reason = "there is none"))]
-    keep: Option<&'static mut BoardKeep>,
+    keep: Option<&'static mut BoardStore>,
 }
 
 impl LinkEnd {
@@ -208,12 +208,12 @@ impl LinkPort for LinkEnd {
     }
 
     #[cfg(feature = "store")]
-    fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
+    fn mission_store(&mut self) -> Option<&mut dyn MissionStore> {
         self.keep.as_mut().map(|keep| &mut **keep as _)
     }
 
     #[cfg(feature = "keys")]
-    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
+    fn key_store(&mut self) -> Option<&mut dyn KeyStore> {
         match self.keep {
             Some(_) => Some(self),
             None => None,
@@ -223,23 +223,23 @@ impl LinkPort for LinkEnd {
 
 #[cfg(feature = "keys")]
 impl KeyStore for LinkEnd {
-    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
-        let keep = self.keep.as_mut().ok_or(NotKept)?;
+    fn read(&mut self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
+        let keep = self.keep.as_mut().ok_or(NotStored)?;
         keep.read_of_key(record, room)
     }
 
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
-        let keep = self.keep.as_mut().ok_or(NotKept)?;
+    fn write(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError> {
+        let keep = self.keep.as_mut().ok_or(NotStored)?;
         keep.write_of_key(record, bytes)
     }
 
-    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
-        let keep = self.keep.as_mut().ok_or(NotKept)?;
+    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotStored> {
+        let keep = self.keep.as_mut().ok_or(NotStored)?;
         keep.remembered_key(room)
     }
 
     fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
-        let keep = self.keep.as_mut().ok_or(NotKept)?;
+        let keep = self.keep.as_mut().ok_or(NotStored)?;
         keep.renew(key)
     }
 }

@@ -4,23 +4,23 @@
 pub const LONGEST_MS: u16 = 0;
 
 /// Nothing is kept.
-pub enum BoardKeep {}
+pub enum BoardStore {}
 
 /// The memory of what the board keeps: none.
-pub struct KeepMemory;
+pub struct StoreMemory;
 
-impl KeepMemory {
+impl StoreMemory {
     /// No memory.
     #[allow(clippy::new_without_default, reason = "there is one, in a static")]
     pub const fn new() -> Self {
-        KeepMemory
+        StoreMemory
     }
 
     /// Nothing is kept.
     pub fn open(
         &'static mut self,
         _safe_default: Option<&'static [u8]>,
-    ) -> Option<&'static mut BoardKeep> {
+    ) -> Option<&'static mut BoardStore> {
         None
     }
 }

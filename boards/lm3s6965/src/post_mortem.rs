@@ -13,9 +13,9 @@ use core::ptr;
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, exception};
 use esm_link::message::{CoreFault, ResetReason};
-use rt_firmware::Kept;
+use rt_firmware::RetainedRam;
 use rt_firmware::body::{Actuators, Request};
-use rt_firmware::kept::Ending;
+use rt_firmware::retained_ram::CrashCause;
 
 use crate::registers::system_control;
 use crate::{plant, reset_cause};
@@ -46,13 +46,13 @@ unsafe impl<T> Sync for Uninit<T> {}
 static EXCHANGES: Uninit<Exchanges> = Uninit(UnsafeCell::new(MaybeUninit::uninit()));
 
 #[unsafe(link_section = ".uninit.kept")]
-static KEPT: Uninit<Kept> = Uninit(UnsafeCell::new(MaybeUninit::uninit()));
+static RETAINED_RAM: Uninit<RetainedRam> = Uninit(UnsafeCell::new(MaybeUninit::uninit()));
 
 /// What is kept across a reset.
-pub fn kept() -> &'static Kept {
-    // SAFETY: the memory is RAM, aligned for `Kept`, which is made of atomic words of which every
-    // bit pattern is valid; nobody has a mutable reference.
-    unsafe { &*KEPT.0.get().cast::<Kept>() }
+pub fn kept() -> &'static RetainedRam {
+    // SAFETY: the memory is RAM, aligned for `RetainedRam`, which is made of atomic words of which
+    // every bit pattern is valid; nobody has a mutable reference.
+    unsafe { &*RETAINED_RAM.0.get().cast::<RetainedRam>() }
 }
 
 fn read() -> Exchanges {
@@ -98,7 +98,7 @@ pub fn note_exchange(request: &Request) {
 
 /// Ends the firmware: motors off, the reason kept, reset. From any context, also from one that
 /// interrupted an exchange's bookkeeping.
-pub fn end(ending: &Ending<'_>) -> ! {
+pub fn end(ending: &CrashCause<'_>) -> ! {
     cortex_m::interrupt::disable();
     let exchanges = read();
     // A motor driver of a real board would be switched off at its enable pin here; this board's
@@ -119,7 +119,7 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     let (file, line) = info
         .location()
         .map_or(("", 0), |location| (location.file(), location.line()));
-    end(&Ending::Panic { file, line })
+    end(&CrashCause::Panic { file, line })
 }
 
 // SAFETY: the handler neither returns nor trusts the state that it interrupted.
@@ -144,7 +144,7 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     } else {
         0
     };
-    end(&Ending::Fault(CoreFault {
+    end(&CrashCause::Fault(CoreFault {
         pc: frame.pc(),
         lr: frame.lr(),
         status,

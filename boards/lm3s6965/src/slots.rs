@@ -2,7 +2,7 @@
 
 use esm_link::message::SafeReason;
 use rt_firmware::body::{Freshness, PlantExchange};
-use rt_firmware::{Board, OccurrenceStart};
+use rt_firmware::{ActivationStart, Board};
 
 use crate::clock::{self, TICKS_PER_US};
 use crate::{PINS, plant, post_mortem, watchdog};
@@ -39,11 +39,11 @@ impl Board for SlotBoard {
 
     // Not inlined: no task should run on top of the exchange's messages.
     #[inline(never)]
-    fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
+    fn begin_activation(&mut self, activation: &ActivationStart) -> Result<(), SafeReason> {
         let request = self.exchange.request(
             &PINS,
-            self.plant_epoch_us + occurrence.start_us,
-            self.plant_epoch_us + occurrence.previous_end_us,
+            self.plant_epoch_us + activation.start_us,
+            self.plant_epoch_us + activation.previous_end_us,
         );
         post_mortem::note_exchange(&request);
         let reply = plant::exchange(&request);

@@ -1,6 +1,6 @@
 //! The hardware watchdog: what ends a task that never returns.
 //!
-//! The real-time side feeds it as long as all show signs of life who should:
+//! The real-time side feeds it as long as all show heartbeats who should:
 //! [`rt_firmware::supervision`]. If it does not for [`TIMEOUT_US`], the watchdog's interrupt, which
 //! alone is above the slot timer's, stops the motors, keeps the reason and resets. Should even that
 //! not run (interrupts masked for good), the watchdog resets the chip by itself after another

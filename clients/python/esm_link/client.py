@@ -281,7 +281,7 @@ class Client:
         """Streams end here; those that come from now on are numbered anew."""
         self._trace = Assembler()
         self._records: List[dict] = []
-        self._news: List[messages.News] = []
+        self._news: List[messages.StatusEvent] = []
         self._recorded: List[Part] = []
         self._values: List[Part] = []
         #: Log bytes that came in this session.
@@ -361,7 +361,7 @@ class Client:
             self._ask(name, messages.Done, kind, enters=is_owner)
         except Refused as refused:
             # It is stopped all the same.
-            if refused.error.name != "StopNotKept":
+            if refused.error.name != "StopNotStored":
                 raise
             problem = problem or refused
         mode = self._ask("status", messages.Status, messages.STATUS, enters=is_owner).mode
@@ -381,9 +381,9 @@ class Client:
     def start(self) -> None:
         self._command("start", messages.Done, messages.START)
 
-    def last_words(self) -> messages.LastWords:
+    def crash_report(self) -> messages.CrashReport:
         """How the robot's run before this one ended."""
-        return self._ask("last words", messages.LastWords, messages.LAST_WORDS)
+        return self._ask("last words", messages.CrashReport, messages.CRASH_REPORT)
 
     def black_box(self) -> List[messages.Record]:
         """What the flight recorder holds, oldest first."""
@@ -439,8 +439,8 @@ class Client:
             self.require("news")
         self._ask("watch", messages.Done, messages.WATCH, period_ms is not None, period_ms or 0)
 
-    def news(self, seconds: float) -> Iterator[messages.News]:
-        """News as they come, for so long. `watch` asks for them."""
+    def news(self, seconds: float) -> Iterator[messages.StatusEvent]:
+        """Status events as they come, for so long. `watch` asks for them."""
         return self._listen(seconds, self._news)
 
     def fields(self, mission: int, net: int) -> List[Field]:
@@ -685,7 +685,7 @@ class Client:
         try:
             self._key_command(name, messages.Done, kind, fields)
         except Refused as refused:
-            if refused.error.name == "NotKept":
+            if refused.error.name == "NotStored":
                 self._session = None
                 self.hello()
             raise
@@ -964,7 +964,7 @@ class Client:
                 answers.append(read)
             elif not self._has_asked_for_streams:
                 continue
-            elif isinstance(read, messages.News):
+            elif isinstance(read, messages.StatusEvent):
                 self._news.append(read)
             elif read.channel == "trace":
                 self._records += self._trace.take(read)

@@ -7,7 +7,7 @@ PROTOCOL_VERSION = 4
 
 (
     HELLO, BEGIN, CHUNK, COMMIT, ABORT, STATUS, STOP, START, TASK, READ_BLOB, STATES, SLOT_COUNTERS, SUBSCRIBE, TASK_COUNTERS,
-    CONFIRM, FALL_BACK, LAST_WORDS, BLACK_BOX, CHALLENGE, SIGNED, SIGN, INSTALL_KEY, REMOVE_KEY,
+    CONFIRM, FALL_BACK, CRASH_REPORT, BLACK_BOX, CHALLENGE, SIGNED, SIGN, INSTALL_KEY, REMOVE_KEY,
     PARAM, SET_PARAM, WATCH, SAVE_PARAMS, EMERGENCY_STOP, RELEASE,
     CLOCK, WITHIN, FEATURES, VALUES,
     IDENTIFY, OPEN_SESSION, PROVEN,
@@ -245,7 +245,7 @@ class FallBack:
 
 
 @dataclass
-class Kept:
+class StoreStatus:
     """Where the mission is that runs, and what is in slot A and slot B of the robot's flash."""
 
     runs: str
@@ -279,7 +279,7 @@ class Status:
     reset: str
     trial: Optional[Trial]
     fell_back: Optional[FallBack]
-    kept: Optional[Kept]
+    kept: Optional[StoreStatus]
     changed_params: int
     record_dropped: int
     record_pending: bool
@@ -374,7 +374,7 @@ class TaskInstance:
 
 
 @dataclass
-class LastWords:
+class CrashReport:
     reset: str
     after_us: int
     task: Optional[int]
@@ -462,7 +462,7 @@ class Part:
 
 
 @dataclass
-class News:
+class StatusEvent:
     """What a robot tells that was asked to (`Client.watch`)."""
 
     seq: int
@@ -477,7 +477,7 @@ class News:
     missed: int
     overruns: int
     max_delay_ns: int
-    spoiled_frames: int
+    corrupt_frames: int
 
 
 def version_in_hello(message: bytes) -> Optional[int]:
@@ -494,7 +494,7 @@ def version_in_hello(message: bytes) -> Optional[int]:
         return None
 
 
-def from_robot(message: bytes) -> Union[Answer, Part, News]:
+def from_robot(message: bytes) -> Union[Answer, Part, StatusEvent]:
     """Reads a message from a robot."""
     fields = Fields(message)
     kind = fields.number(32)
@@ -511,14 +511,14 @@ def from_robot(message: bytes) -> Union[Answer, Part, News]:
             body = _error(fields)
         else:
             raise Malformed("neither an answer nor an error")
-        read: Union[Answer, Part, News] = Answer(seq, body, fields.u8(), proof, proven)
+        read: Union[Answer, Part, StatusEvent] = Answer(seq, body, fields.u8(), proof, proven)
     elif kind == 1:
         read = Part(fields.one_of(CHANNELS), fields.u8(), fields.boolean(), fields.number(32), fields.bytes())
     elif kind == 2:
         seq, cause, mode, mission = fields.u8(), fields.one_of(CAUSES), _mode(fields), fields.option_u32()
         on_trial, fell_back = fields.boolean(), _fell_back(fields)
         steps, t_us, counts = fields.number(), fields.number(), [fields.number(32) for _ in range(5)]
-        read = News(seq, cause, mode, mission, on_trial, fell_back, steps, t_us, *counts)
+        read = StatusEvent(seq, cause, mode, mission, on_trial, fell_back, steps, t_us, *counts)
     else:
         raise Malformed(f"a message of kind {kind}")
     fields.end()
@@ -564,7 +564,7 @@ def _answer(fields: Fields) -> object:
             silent = fields.one_of(("slot", "link", "slot 0", "slot 0, for the link"))
             if silent == "slot":
                 silent = f"slot at place {fields.u8()}"
-        return LastWords(reset, after_us, task, *numbers, silent, fields.number(32), fields.bytes())
+        return CrashReport(reset, after_us, task, *numbers, silent, fields.number(32), fields.bytes())
     if kind == 11:
         end, records = fields.number(32), fields.bytes()
         return BlackBox(end, [_record(records[at : at + 16]) for at in range(0, len(records) - 15, 16)])
@@ -609,7 +609,7 @@ def _status(fields: Fields) -> Status:
     busy, stack, reset = fields.boolean(), fields.option_u32(), fields.one_of(RESETS)
     trial = Trial(fields.number(32), fields.option_u32()) if fields.boolean() else None
     fell_back = _fell_back(fields)
-    kept = Kept(fields.one_of(SOURCES), [_slot_state(fields) for _ in range(2)]) if fields.boolean() else None
+    kept = StoreStatus(fields.one_of(SOURCES), [_slot_state(fields) for _ in range(2)]) if fields.boolean() else None
     changed_params, record_dropped, record_pending, saved_params = fields.u8(), fields.number(32), fields.boolean(), fields.u8()
     stop_pressed = fields.boolean()
     flash = _flash_health(fields) if fields.boolean() else None
@@ -657,14 +657,14 @@ def _error(fields: Fields) -> Error:
         23: "NoChallenge",
         24: "NoKey",
         25: "NoKeySupport",
-        26: "NotKept",
+        26: "NotStored",
         28: "FlashRefused",
         29: "OtherMission",
         30: "ParamNoValue",
         33: "NotBuiltIn",
         34: "NoStore",
         35: "EmergencyStopped",
-        36: "StopNotKept",
+        36: "StopNotStored",
         37: "Late",
         38: "NoSession",
         39: "WrongProof",

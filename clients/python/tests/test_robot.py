@@ -96,7 +96,7 @@ class Refusals(Scripted):
     def test_what_no_robot_understands_is_sent_again_once(self):
         robot, session = self.session(lambda *_: error(MALFORMED))
         with self.assertRaises(Refused) as refused:
-            session.last_words()
+            session.crash_report()
         self.assertEqual(refused.exception.error.name, "Malformed")
         self.assertEqual(len(robot.asked), 2)
 
@@ -293,7 +293,7 @@ class Stops(Scripted):
         robot, session = self.session(lambda kind, _: says[kind]())
         with self.assertRaises(Refused) as refused:
             session.emergency_stop()
-        self.assertEqual(refused.exception.error.name, "StopNotKept")
+        self.assertEqual(refused.exception.error.name, "StopNotStored")
         with self.assertRaises(NotStopped):
             session.emergency_stop()
 

@@ -92,7 +92,7 @@ class Messages(unittest.TestCase):
             "request task counters": (messages.TASK_COUNTERS, 1000),
             "request confirm": (messages.CONFIRM, 0x1234ABCD),
             "request fall back": (messages.FALL_BACK, 0x1234ABCD),
-            "request last words": (messages.LAST_WORDS,),
+            "request last words": (messages.CRASH_REPORT,),
             "request watch": (messages.WATCH, True, 1000),
             "request emergency stop": (messages.EMERGENCY_STOP,),
             "request release": (messages.RELEASE,),
@@ -124,7 +124,7 @@ class Messages(unittest.TestCase):
             if vector.name.startswith(("answer", "proven", "stream", "news")) and "version 300" not in vector.name:
                 with self.subTest(vector.name):
                     read = self.read(vector.name)
-                    self.assertIsInstance(read, (Answer, Part, messages.News))
+                    self.assertIsInstance(read, (Answer, Part, messages.StatusEvent))
                     # To the last byte, and no further.
                     [message] = vector.all("message")
                     with self.assertRaises(Malformed):
@@ -177,7 +177,7 @@ class Messages(unittest.TestCase):
         news = self.read("news")
         self.assertEqual((news.seq, news.cause, news.mode, news.on_trial), (255, "trial", "running", True))
         self.assertEqual(self.read("news of an emergency stop").mode, "emergency stop")
-        self.assertEqual((news.fell_back.reason, news.t_us, news.spoiled_frames), ("failed: overruns", 2**40, 3))
+        self.assertEqual((news.fell_back.reason, news.t_us, news.corrupt_frames), ("failed: overruns", 2**40, 3))
         part = self.read("stream trace")
         self.assertEqual((part.channel, part.part, part.continues, part.dropped), ("trace", 255, True, 300))
 

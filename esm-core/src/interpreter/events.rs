@@ -42,14 +42,14 @@ pub trait Observer {
         let _ = taken;
     }
 
-    /// A task state was entered: its task is enabled anew. For a slot-0 task the run of an earlier
-    /// activation may still go on.
+    /// A task state was entered: its task is enabled anew. For a background task the run of an
+    /// earlier activation may still go on.
     fn enabled(&mut self, task_instance: u16) {
         let _ = task_instance;
     }
 
     /// A task that was enabled is so no more, because its state or one around it was left. Not
-    /// called for slot-0 tasks.
+    /// called for background tasks.
     fn disabled(&mut self, task_instance: u16) {
         let _ = task_instance;
     }

@@ -8,15 +8,15 @@ pub const DELAY_BUCKETS: usize = 8;
 /// What was counted of a slot since the mission started. What a reader wants to know of the slot
 /// besides (period, duration, start) is in the mission's blob.
 ///
-/// Counters of occurrences stay at their greatest value once they are there.
+/// Counters of activations stay at their greatest value once they are there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SlotCounters {
     /// The slot's number in the `.esm` file.
     pub number: u32,
     /// Executions that ended, overruns included, while the mission ran. After a stop and in the
-    /// safe state occurrences begin, and execute nothing.
+    /// safe state activations begin, and execute nothing.
     pub executed: u32,
-    /// Occurrences that did not start within their period.
+    /// Activations that did not start within their period.
     pub missed: u32,
     /// Executions that took longer than the slot's duration; stays at 65,535.
     pub overruns: u32,

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::last_words::ResetReason;
+use super::crash_report::ResetReason;
 use crate::credentials::Access;
 
 #[cfg(doc)]

@@ -108,7 +108,7 @@ pub enum LinkError {
     NoKeySupport,
     /// What belongs to the key cannot be read, or the flash did not take it. Where it took it all
     /// the same, that holds.
-    NotKept,
+    NotStored,
     /// After a wrong signature the robot looks at none for some time: send it again then.
     TooSoon {
         /// Milliseconds until then.
@@ -141,7 +141,7 @@ pub enum LinkError {
     EmergencyStopped,
     /// An emergency stop is latched, or released, but the flash did not take it: a loss of power
     /// undoes it.
-    StopNotKept,
+    StopNotStored,
     /// The robot came to a request [after the time](Request::Within) that it was to be done by: it
     /// was not done.
     Late,

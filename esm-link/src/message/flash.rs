@@ -4,17 +4,17 @@ use serde::{Deserialize, Serialize};
 
 /// Which mission runs, and why: what the robot tells of its flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Kept {
+pub struct StoreStatus {
     /// Where the mission is that runs.
     pub runs: Source,
-    /// What is in slot A and slot B.
-    pub slots: [SlotState; 2],
+    /// What is in bank A and bank B.
+    pub slots: [BankState; 2],
 }
 
-impl Kept {
+impl StoreStatus {
     /// Whether a mission is on trial: neither confirmed nor given up.
     pub fn is_on_trial(&self) -> bool {
-        self.slots.contains(&SlotState::OnTrial)
+        self.slots.contains(&BankState::OnTrial)
     }
 }
 
@@ -22,7 +22,7 @@ impl Kept {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FlashHealth {
     /// How its records are.
-    pub records: RecordsState,
+    pub records: KeyValuesState,
     /// Places of the records that were neither blank nor whole at the start: bits that have
     /// changed, or what a loss of power has left. Where the records can be read, nothing was lost
     /// by it.
@@ -38,9 +38,9 @@ pub struct FlashHealth {
 pub enum Source {
     /// Nowhere: none runs.
     Nothing,
-    /// In slot A of the flash.
+    /// In bank A of the flash.
     A,
-    /// In slot B of the flash.
+    /// In bank B of the flash.
     B,
     /// In the firmware.
     Firmware,
@@ -48,7 +48,7 @@ pub enum Source {
 
 /// What is in a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum SlotState {
+pub enum BankState {
     /// The mission that runs.
     Runs,
     /// The mission that runs on trial.
@@ -88,7 +88,7 @@ pub enum SlotState {
 
 /// How the records are,.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum RecordsState {
+pub enum KeyValuesState {
     /// Nothing was ever kept.
     New,
     /// All that was kept is there twice.

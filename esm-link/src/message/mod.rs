@@ -4,25 +4,25 @@
 //! changes the protocol, and says so in [`PROTOCOL_VERSION`].
 
 mod counters;
+mod crash_report;
 mod device_info;
 mod error;
 mod flash;
-mod last_words;
 mod mode;
-pub mod news;
 mod request;
 mod response;
 mod status;
+pub mod status_event;
 mod stream;
 #[cfg(test)]
 mod tests;
 pub mod trial;
 
 pub use counters::{DELAY_BUCKETS, SlotCounters, TaskCounters};
+pub use crash_report::{CoreFault, CrashReport, MAX_PLACE_BYTES, ResetReason, Silent};
 pub use device_info::{Capacities, Capacity, DeviceInfo, Uploads};
 pub use error::LinkError;
-pub use flash::{FlashHealth, Kept, RecordsState, SlotState, Source, WayIn};
-pub use last_words::{CoreFault, LastWords, MAX_PLACE_BYTES, ResetReason, Silent};
+pub use flash::{BankState, FlashHealth, KeyValuesState, Source, StoreStatus, WayIn};
 pub use mode::{Mode, SafeReason};
 pub use request::{Request, Swap};
 pub use response::{Identity, NO_STATE, Response};
@@ -32,7 +32,7 @@ pub use stream::{Channel, Stream};
 use serde::{Deserialize, Serialize};
 
 use crate::credentials::PROOF_BYTES;
-use news::News;
+use status_event::StatusEvent;
 
 /// Version of everything in this module. A host and a robot with different versions only exchange
 /// [`Request::Hello`], whose encoding, and that of its answer's first field, never changes.
@@ -71,7 +71,7 @@ pub enum FromDevice<'a> {
     /// A part of a stream.
     Stream(#[serde(borrow)] Stream<'a>),
     /// What the host wanted to be told.
-    News(News),
+    StatusEvent(StatusEvent),
     /// The answer to a request of the owner's session, [`Request::Proven`] or
     /// [`Request::OpenSession`].
     Proven {
@@ -92,7 +92,7 @@ pub enum FromDevice<'a> {
 pub const UNKNOWN: u8 = u8::MAX;
 
 /// Bytes of a [`FromDevice::Proven`] before those that its proof is of.
-pub const PROVEN_HEAD_BYTES: usize = 2 + PROOF_BYTES;
+pub const PROVEN_HEADER_BYTES: usize = 2 + PROOF_BYTES;
 
 /// The version that a robot tells in its answer to [`Request::Hello`], from a serialized message of
 /// any version. This much of it never changes.

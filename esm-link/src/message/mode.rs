@@ -60,7 +60,7 @@ pub enum SafeReason {
     /// Too many overruns.
     Overruns,
     /// Too many activations missed in a row.
-    Missed,
+    DeadlineMiss,
     /// The robot's body does not answer.
     BodyLost,
     /// The battery is low.
@@ -79,7 +79,7 @@ impl SafeReason {
         SafeReason::EventQueueOverflow,
         SafeReason::MacroStepLimit,
         SafeReason::Overruns,
-        SafeReason::Missed,
+        SafeReason::DeadlineMiss,
         SafeReason::BodyLost,
         SafeReason::LowBattery,
         SafeReason::LinkLost,

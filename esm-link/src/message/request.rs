@@ -93,9 +93,9 @@ pub enum Request<'a> {
         /// Hash of the mission on trial.
         mission: u32,
     },
-    /// How did the run of the firmware before this one end? Answer: [`Response::LastWords`].
-    LastWords,
-    /// Records of the flight recorder, oldest first. Answer: [`Response::BlackBox`].
+    /// How did the run of the firmware before this one end? Answer: [`Response::CrashReport`].
+    CrashReport,
+    /// Records of the black box, oldest first. Answer: [`Response::BlackBox`].
     BlackBox {
         /// Sequence number of the first one wanted, or the oldest that there is. Those that are
         /// gone are passed over.
@@ -156,13 +156,13 @@ pub enum Request<'a> {
         /// Bits of the value.
         value: u32,
     },
-    /// Tell [news](crate::news) from now on, or no more. Answer: [`Response::Done`], and then the
-    /// first news.
+    /// Tell [status events](crate::status_event) from now on, or no more. Answer:
+    /// [`Response::Done`], and then the first status events.
     Watch {
-        /// Whether news are wanted.
+        /// Whether status events are wanted.
         news: bool,
         /// A sample each so many milliseconds of the mission's time, at least
-        /// [`SHORTEST_PERIOD_MS`](crate::news::SHORTEST_PERIOD_MS); 0 for none.
+        /// [`SHORTEST_PERIOD_MS`](crate::status_event::SHORTEST_PERIOD_MS); 0 for none.
         period_ms: u32,
     },
     /// Keep the values that differ now from the mission's: with them it starts from now on. Where
@@ -246,7 +246,7 @@ impl Request<'_> {
             Request::TaskCounters { .. } => 13,
             Request::Confirm { .. } => 14,
             Request::FallBack { .. } => 15,
-            Request::LastWords => 16,
+            Request::CrashReport => 16,
             Request::BlackBox { .. } => 17,
             Request::Challenge => 18,
             Request::Signed { .. } => 19,

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::counters::{SlotCounters, TaskCounters};
+use super::crash_report::CrashReport;
 use super::device_info::DeviceInfo;
-use super::last_words::LastWords;
 use super::status::Status;
 use crate::credentials::{KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
 use crate::features::Features;
@@ -67,10 +67,10 @@ pub enum Response<'a> {
     Slot(SlotCounters),
     /// To [`Request::TaskCounters`].
     TaskInstance(TaskCounters),
-    /// To [`Request::LastWords`].
-    LastWords {
+    /// To [`Request::CrashReport`].
+    CrashReport {
         /// What is known in numbers.
-        words: LastWords,
+        words: CrashReport,
         /// The end of the path of the file that panicked, at most
         /// [`MAX_PLACE_BYTES`](super::MAX_PLACE_BYTES); none where none did.
         file: &'a [u8],

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::flash::{FlashHealth, Kept};
-use super::last_words::ResetReason;
+use super::crash_report::ResetReason;
+use super::flash::{FlashHealth, StoreStatus};
 use super::mode::Mode;
 use super::trial::{FallBack, Trial};
 
@@ -21,19 +21,19 @@ pub struct Status {
     pub steps: u64,
     /// Nominal start of the last macro step, in microseconds since the mission started.
     pub t_us: u64,
-    /// Occurrences of slots that were executed since the mission started.
+    /// Activations of slots that were executed since the mission started.
     pub executed: u32,
-    /// Occurrences of slots that did not start within their period, since the robot started.
+    /// Activations of slots that did not start within their period, since the robot started.
     pub missed: u32,
-    /// Occurrences of slots whose tasks took longer than the slot's duration, since the robot
+    /// Activations of slots whose tasks took longer than the slot's duration, since the robot
     /// started.
     pub overruns: u32,
-    /// Longest delay between the nominal and the actual start of an occurrence since the mission
+    /// Longest delay between the nominal and the actual start of an activation since the mission
     /// started, in nanoseconds.
     pub max_delay_ns: u32,
     /// Trace records dropped since the robot started.
     pub trace_dropped: u32,
-    /// Whether a slot-0 run is under way.
+    /// Whether a background run is under way.
     pub background_busy: bool,
     /// The most bytes of stack that were in use since the robot started, where the board measures
     /// it.
@@ -46,7 +46,7 @@ pub struct Status {
     pub fell_back: Option<FallBack>,
     /// Where the mission is that runs, and what else its flash has; none of a robot that keeps no
     /// missions.
-    pub kept: Option<Kept>,
+    pub kept: Option<StoreStatus>,
     /// Parameters whose values differ from the mission's.
     pub changed_params: u8,
     /// Records of recordings dropped since the robot started.

@@ -1,6 +1,6 @@
 //! The greatest messages, and what is read out of counters.
 
-use super::news::Cause;
+use super::status_event::Cause;
 use super::trial::{FallBack, FallBackReason, Trial};
 use super::*;
 use crate::access::{
@@ -75,7 +75,7 @@ fn the_kind_of_a_request_is_its_number_in_a_message() {
         Request::TaskCounters { task_instance: 0 },
         Request::Confirm { mission: 0 },
         Request::FallBack { mission: 0 },
-        Request::LastWords,
+        Request::CrashReport,
         Request::BlackBox { from: None },
         Request::Challenge,
         Request::Signed {
@@ -188,9 +188,9 @@ fn the_greatest_messages_fit_into_a_frame() {
             mission: u32::MAX,
             reason: FallBackReason::Failed(SafeReason::Board),
         }),
-        kept: Some(Kept {
+        kept: Some(StoreStatus {
             runs: Source::Firmware,
-            slots: [SlotState::NoRoom { len: u32::MAX }; 2],
+            slots: [BankState::NoRoom { len: u32::MAX }; 2],
         }),
         changed_params: u8::MAX,
         saved_params: u8::MAX,
@@ -198,7 +198,7 @@ fn the_greatest_messages_fit_into_a_frame() {
         record_pending: true,
         stop_pressed: true,
         flash: Some(FlashHealth {
-            records: RecordsState::Unreadable(WayIn::Erase),
+            records: KeyValuesState::Unreadable(WayIn::Erase),
             flaws: u16::MAX,
             mission_erases: u32::MAX,
             record_erases: u32::MAX,
@@ -285,8 +285,8 @@ fn the_greatest_messages_fit_into_a_frame() {
             total: u16::MAX,
             states: &part,
         },
-        Response::LastWords {
-            words: LastWords {
+        Response::CrashReport {
+            words: CrashReport {
                 reason: ResetReason::Software,
                 after_us: u64::MAX,
                 task: Some(u16::MAX),
@@ -357,7 +357,7 @@ fn the_greatest_messages_fit_into_a_frame() {
         bytes: &chunk[..MAX_STREAM_BYTES],
     };
     assert!(encode(&FromDevice::Stream(stream), &mut frame).is_ok());
-    let news = News {
+    let news = StatusEvent {
         seq: u8::MAX,
         cause: Cause::Mode,
         mode: status.mode,
@@ -370,9 +370,9 @@ fn the_greatest_messages_fit_into_a_frame() {
         missed: u32::MAX,
         overruns: u32::MAX,
         max_delay_ns: u32::MAX,
-        spoiled_frames: u32::MAX,
+        corrupt_frames: u32::MAX,
     };
     // The room of a stream's part.
     let room = &mut frame[..MAX_STREAM_BYTES];
-    assert_eq!(encode(&FromDevice::News(news), room), Ok(71));
+    assert_eq!(encode(&FromDevice::StatusEvent(news), room), Ok(71));
 }

@@ -16,7 +16,7 @@ use esm::rt_firmware::body::{
 };
 use esm::rt_firmware::rover::RoverParts;
 use esm::rt_firmware::tasks::{BatteryMonitor, Cruise, Odometry, SonarRing, Turn, WheelSpeed};
-use esm::rt_firmware::{Bank, registry};
+use esm::rt_firmware::{TaskPool, registry};
 
 use headlight::Headlight;
 use lamp::Lamp;
@@ -54,13 +54,13 @@ impl<'a> MyRobot<'a> {
         }
         .into_tasks();
         Self {
-            sonar_ring: Bank::new([hardware.sonar_ring]),
-            odometry: Bank::new([hardware.odometry]),
-            wheel_speed: Bank::new([hardware.wheel_speed]),
-            battery_monitor: Bank::new([hardware.battery_monitor]),
-            cruise: Bank::new([Cruise]),
-            turn: Bank::new([Turn::default()]),
-            headlight: Bank::new([Headlight::new(Lamp::new(lamp_pin))]),
+            sonar_ring: TaskPool::new([hardware.sonar_ring]),
+            odometry: TaskPool::new([hardware.odometry]),
+            wheel_speed: TaskPool::new([hardware.wheel_speed]),
+            battery_monitor: TaskPool::new([hardware.battery_monitor]),
+            cruise: TaskPool::new([Cruise]),
+            turn: TaskPool::new([Turn::default()]),
+            headlight: TaskPool::new([Headlight::new(Lamp::new(lamp_pin))]),
         }
     }
 }

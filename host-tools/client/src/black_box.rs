@@ -1,4 +1,4 @@
-//! What a robot's flight recorder holds, in words, with the names of the missions that are known.
+//! What a robot's black box holds, in words, with the names of the missions that are known.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -74,8 +74,9 @@ pub enum Happened {
         /// How long it took, in microseconds.
         took_us: u16,
     },
-    /// Occurrences of a slot were missed.
-    Missed {
+    /// Activations of a slot were missed.
+    #[serde(rename = "missed")]
+    DeadlineMiss {
         /// Index of the slot in the mission.
         slot: u8,
         /// How many.
@@ -143,7 +144,7 @@ fn happened(event: Event, names: Option<&Directory>) -> Happened {
             task: task_instance,
             took_us,
         },
-        Event::Missed { slot, count } => Happened::Missed { slot, count },
+        Event::DeadlineMiss { slot, count } => Happened::DeadlineMiss { slot, count },
     }
 }
 
@@ -195,7 +196,7 @@ impl fmt::Display for Entry {
                 let more = if *took_us == u16::MAX { " or more" } else { "" };
                 write!(f, " took {took_us} us{more}, longer than its slot")
             }
-            Happened::Missed { slot, count } => {
+            Happened::DeadlineMiss { slot, count } => {
                 write!(
                     f,
                     "{count} occurrences of the slot at place {slot} were missed"
@@ -258,7 +259,7 @@ mod tests {
                 "    1.500 s  task 4 took 65535 us or more, longer than its slot",
             ),
             (
-                Event::Missed { slot: 1, count: 9 },
+                Event::DeadlineMiss { slot: 1, count: 9 },
                 "    1.500 s  9 occurrences of the slot at place 1 were missed",
             ),
         ];

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 use rt_firmware::body::flash::{
-    ERASE_BYTES, FlashRequest, MAX_PART_BYTES, Operation, REQUEST_HEAD_BYTES, WRITE_BYTES,
+    ERASE_BYTES, FlashRequest, MAX_PART_BYTES, Operation, REQUEST_HEADER_BYTES, WRITE_BYTES,
     status_number,
 };
 
@@ -237,7 +237,7 @@ impl Flash {
     /// # Errors
     /// What the system says of the pipes.
     pub fn serve(&self, mut requests: impl Read, mut replies: impl Write) -> io::Result<()> {
-        let mut head = [0; REQUEST_HEAD_BYTES];
+        let mut head = [0; REQUEST_HEADER_BYTES];
         loop {
             match requests.read_exact(&mut head) {
                 Ok(()) => {}

@@ -15,7 +15,7 @@ use crate::run::mission::{Mission, hash_text};
 use crate::serial::ByteLink;
 use crate::serial::clock::Clock;
 use esm_toolkit::inspect;
-use esm_toolkit::recording::file::Head;
+use esm_toolkit::recording::file::Header;
 use esm_toolkit::recording::writer::{Counts, RecordingWriter};
 use esm_toolkit::trace::directory::NoDirectory;
 
@@ -49,7 +49,7 @@ pub struct LiveRecording<W> {
     heard: Instant,
     /// What was asked for and has not come yet.
     asked: Option<Asked>,
-    /// Spoiled frames of the line that are known of.
+    /// Corrupt frames of the line that are known of.
     bad_frames: u64,
     /// Missions that ran, and ended before they could be read.
     missed: Vec<u32>,
@@ -71,7 +71,7 @@ pub enum Noted {
     /// So many records or parts did not come. The recording goes on with all that the machine is.
     Gap(u32),
     /// A mission ran and was another before it could be read: what it did cannot be replayed.
-    Missed(u32),
+    DeadlineMiss(u32),
 }
 
 /// Why a recording ends before anybody wanted that.
@@ -120,7 +120,7 @@ impl<W: Write> LiveRecording<W> {
             ..streams
         };
         robot.subscribe(streams).map_err(LiveError::from)?;
-        let head = Head {
+        let head = Header {
             board: info.board.clone(),
             firmware: info.firmware.clone(),
             program: concat!("esm ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -167,7 +167,7 @@ impl<W: Write> LiveRecording<W> {
                     return Ok(None);
                 }
                 self.missed.push(hash);
-                Ok(Some(Noted::Missed(hash)))
+                Ok(Some(Noted::DeadlineMiss(hash)))
             }
             StreamEvent::Gap {
                 channel: Channel::Record,
@@ -183,11 +183,11 @@ impl<W: Write> LiveRecording<W> {
             | StreamEvent::Log(_)
             | StreamEvent::Values { .. }
             | StreamEvent::ValuesEnded { .. }
-            | StreamEvent::News(_) => Ok(None),
+            | StreamEvent::StatusEvent(_) => Ok(None),
         }
     }
 
-    /// Asks for all that the machine is where something may be missing: a frame was spoiled, what
+    /// Asks for all that the machine is where something may be missing: a frame was corrupt, what
     /// was asked for did not come, or nothing came for long. Writes what came. To be called each
     /// time that events were looked for.
     ///

@@ -105,7 +105,7 @@ pub struct TaskReading {
 pub struct LineReport {
     /// Requests that had to be sent again.
     pub requests_sent_again: u64,
-    /// Frames from the robot that were spoiled.
+    /// Frames from the robot that were corrupt.
     pub frames_spoiled: u64,
     /// Bytes sent to the robot.
     pub bytes_sent: u64,
@@ -166,7 +166,7 @@ pub enum Tasks {
     None,
     /// All.
     All,
-    /// Those of the slot with this index: an answer takes a slot's occurrence, so that all of a
+    /// Those of the slot with this index: an answer takes a slot's activation, so that all of a
     /// large mission take seconds.
     OfSlot(usize),
 }

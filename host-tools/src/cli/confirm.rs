@@ -60,13 +60,13 @@ pub(super) fn on_trial(status: &Status) -> Result<u32, CommandError> {
         (Some(_), Some(mission)) => Ok(mission),
         _ => Err(CommandError::Input(anyhow!(
             "no mission is on trial{}",
-            last_words(status)
+            crash_report(status)
         ))),
     }
 }
 
 /// What became of the last one, if the robot gave one up.
-fn last_words(status: &Status) -> String {
+fn crash_report(status: &Status) -> String {
     status.fell_back.map_or_else(String::new, |fell_back| {
         format!(
             "; the robot gave {} up: {}",
@@ -78,7 +78,7 @@ fn last_words(status: &Status) -> String {
 
 #[cfg(test)]
 mod tests {
-    use esm_link::message::{Kept, SlotState, Source};
+    use esm_link::message::{BankState, Source, StoreStatus};
     use esm_link::trial::Trial;
 
     use super::*;
@@ -90,23 +90,23 @@ mod tests {
             left_ms: 5,
             before: None,
         };
-        let kept = |state| Kept {
+        let kept = |state| StoreStatus {
             runs: Source::A,
-            slots: [state, SlotState::Spare],
+            slots: [state, BankState::Spare],
         };
         for (mission, trial, kept, expected) in [
             (Some(7), Some(trial), None, Some(7)),
             (
                 Some(7),
                 Some(trial),
-                Some(kept(SlotState::OnTrial)),
+                Some(kept(BankState::OnTrial)),
                 Some(7),
             ),
             // The flash has refused.
-            (Some(7), None, Some(kept(SlotState::OnTrial)), Some(7)),
-            (Some(7), None, Some(kept(SlotState::Runs)), None),
+            (Some(7), None, Some(kept(BankState::OnTrial)), Some(7)),
+            (Some(7), None, Some(kept(BankState::Runs)), None),
             (Some(7), None, None, None),
-            (None, None, Some(kept(SlotState::OnTrial)), None),
+            (None, None, Some(kept(BankState::OnTrial)), None),
         ] {
             let status = Status {
                 trial,

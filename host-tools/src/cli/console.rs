@@ -26,7 +26,7 @@ use crate::clean::{Clean, Form, clean};
 const OUTPUT_BUFFER_BYTES: usize = 64 * 1024;
 const SPINNER_TICK: Duration = Duration::from_millis(100);
 
-/// Work that ends sooner shows no sign of life: it would only flicker.
+/// Work that ends sooner shows no heartbeat: it would only flicker.
 const SPINNER_DELAY: Duration = Duration::from_millis(300);
 
 /// Letters of a line where no terminal says how many it has.
@@ -208,7 +208,7 @@ impl Console {
         }
     }
 
-    /// A sign of life on standard error for work of unknown length, once it has lasted 0.3 s. None
+    /// A heartbeat on standard error for work of unknown length, once it has lasted 0.3 s. None
     /// where standard error is no terminal with a cursor.
     pub fn spinner(&self, label: &str) -> Spinner {
         Spinner {
@@ -248,14 +248,14 @@ impl Progress {
     }
 }
 
-/// A sign of life on a terminal, taken away when the work ends.
+/// A heartbeat on a terminal, taken away when the work ends.
 #[must_use = "it goes away when it is dropped"]
 pub struct Spinner {
     /// `None` where nobody would see it.
     watch: Option<Watch>,
 }
 
-/// The thread that shows a sign of life.
+/// The thread that shows a heartbeat.
 struct Watch {
     /// Dropped when the work has ended.
     work: Sender<()>,
@@ -295,7 +295,7 @@ impl Drop for Spinner {
         if let Some(Watch { work, thread }) = self.watch.take() {
             drop(work);
             // It ends as soon as it sees that the work has. Had it failed, there would only be no
-            // sign of life.
+            // heartbeat.
             let _ = thread.join();
         }
     }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use esm_link::features::Feature;
 use esm_link::message::{Channel, Mode};
-use esm_link::news::{Cause, News};
+use esm_link::status_event::{Cause, StatusEvent};
 use serde::Serialize;
 
 use super::argument::Time;
@@ -106,7 +106,8 @@ enum Said<'l> {
         unreadable: u64,
     },
     /// How the robot is.
-    News(Told),
+    #[serde(rename = "news")]
+    StatusEvent(Told),
 }
 
 /// News of a robot, in the form of their JSON.
@@ -129,16 +130,17 @@ struct Told {
     t_us: u64,
     /// Macro steps of the mission.
     steps: u64,
-    /// Occurrences executed since the mission started.
+    /// Activations executed since the mission started.
     slots_executed: u32,
-    /// Occurrences missed since the robot started.
+    /// Activations missed since the robot started.
     slots_missed: u32,
     /// Executions that took too long since the robot started.
     overruns: u32,
     /// Longest start delay since the mission started, in nanoseconds.
     longest_dispatch_delay_ns: u32,
-    /// Frames from this host that came spoiled.
-    spoiled_frames: u32,
+    /// Frames from this host that came corrupt.
+    #[serde(rename = "spoiled_frames")]
+    corrupt_frames: u32,
 }
 
 /// Runs the command.
@@ -217,7 +219,7 @@ fn wanted(
         robot.require(Feature::Record)?;
     }
     if args.news.is_some() {
-        robot.require(Feature::News)?;
+        robot.require(Feature::StatusEvent)?;
     }
     let log = match robot.require(Feature::Log) {
         Err(ClientError::NotBuiltIn { feature })
@@ -350,10 +352,10 @@ impl Listener {
                 self.log.gap();
                 self.lost(0, *missing, 0, console)?;
             }
-            StreamEvent::News(news) => {
+            StreamEvent::StatusEvent(news) => {
                 let finished = self.finished(news)?;
                 if self.json {
-                    console.json_line(&Said::News(Told::of(news, finished)))?;
+                    console.json_line(&Said::StatusEvent(Told::of(news, finished)))?;
                 } else {
                     writeln!(console.out(), "{}", told(news, finished))?;
                 }
@@ -407,13 +409,13 @@ impl Listener {
 
     /// Whether the mission that the news are of has finished. None where the line is too bad to
     /// read that.
-    fn finished(&mut self, news: &News) -> Result<Option<bool>, CommandError> {
+    fn finished(&mut self, news: &StatusEvent) -> Result<Option<bool>, CommandError> {
         let (Mode::Running, Some(mission)) = (news.mode, news.mission) else {
             return Ok(Some(false));
         };
         match self.reader.has_finished(&mut self.robot, mission) {
             Err(ReadError::Client(ClientError::NoReply {
-                spoiled_frames: 1..,
+                corrupt_frames: 1..,
                 ..
             })) => Ok(None),
             asked => Ok(Some(asked?)),
@@ -440,7 +442,7 @@ impl Listener {
 }
 
 /// News as a line.
-fn told(news: &News, finished: Option<bool>) -> String {
+fn told(news: &StatusEvent, finished: Option<bool>) -> String {
     let mission = news.mission.map(hash_text);
     let mission = mission.as_deref().unwrap_or("no mission");
     let trial = if news.on_trial { ", on trial" } else { "" };
@@ -474,7 +476,7 @@ fn told(news: &News, finished: Option<bool>) -> String {
         news.missed,
         news.overruns,
         f64::from(news.max_delay_ns) / 1e3,
-        news.spoiled_frames
+        news.corrupt_frames
     )
 }
 
@@ -490,7 +492,7 @@ fn cause_words(cause: Cause) -> &'static str {
 }
 
 impl Told {
-    fn of(news: &News, finished: Option<bool>) -> Self {
+    fn of(news: &StatusEvent, finished: Option<bool>) -> Self {
         let (mode, safe_reason) = mode_words(news.mode);
         Told {
             cause: cause_words(news.cause),
@@ -505,7 +507,7 @@ impl Told {
             slots_missed: news.missed,
             overruns: news.overruns,
             longest_dispatch_delay_ns: news.max_delay_ns,
-            spoiled_frames: news.spoiled_frames,
+            corrupt_frames: news.corrupt_frames,
         }
     }
 }

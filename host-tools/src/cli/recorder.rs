@@ -188,7 +188,7 @@ fn tell(noted: Option<Noted>, console: &mut Console) {
         Some(Noted::Gap(missing)) => console.note(&format!(
             "the recording has a gap: {missing} records or parts did not come"
         )),
-        Some(Noted::Missed(hash)) => console.note(&format!(
+        Some(Noted::DeadlineMiss(hash)) => console.note(&format!(
             "the mission {} ran for too short a time to be read: what it did cannot be replayed",
             hash_text(hash)
         )),

@@ -5,7 +5,8 @@ use std::fmt;
 use clap::Args;
 use esm_link::features::Feature;
 use esm_link::message::{
-    FlashHealth, Kept, LastWords, RecordsState, ResetReason, Silent, SlotState, Source, WayIn,
+    BankState, CrashReport, FlashHealth, KeyValuesState, ResetReason, Silent, Source, StoreStatus,
+    WayIn,
 };
 use esm_link::trial::{FallBack, Trial};
 use serde::Serialize;
@@ -63,7 +64,7 @@ pub struct StatusReport {
     /// The last mission that was given up on trial since the robot started.
     pub fell_back: Option<FallBackReport>,
     /// What its flash has; none of a robot that keeps no missions.
-    pub kept: Option<KeptReport>,
+    pub kept: Option<StoreReport>,
     /// How its flash is; none of a robot that keeps nothing.
     pub flash: Option<FlashReport>,
     /// Parameters whose values differ from the mission's.
@@ -78,9 +79,9 @@ pub struct StatusReport {
     pub t_us: u64,
     /// Robot time: since the robot started, in microseconds.
     pub robot_us: u64,
-    /// Slot occurrences executed since the mission started.
+    /// Slot activations executed since the mission started.
     pub slots_executed: u32,
-    /// Slot occurrences missed since the robot started.
+    /// Slot activations missed since the robot started.
     pub slots_missed: u32,
     /// Executions that took too long since the robot started.
     pub overruns: u32,
@@ -93,14 +94,15 @@ pub struct StatusReport {
     /// Why the robot started the last time.
     pub last_reset: &'static str,
     /// How its run before this one ended.
-    pub last_words: LastWordsReport,
+    #[serde(rename = "last_words")]
+    pub crash_report: CrashReportJson,
     /// Counters of each slot.
     pub slots: Vec<SlotReport>,
 }
 
 /// How a robot's run of the firmware ended, in the form of its JSON. What is not known is `null`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct LastWordsReport {
+pub struct CrashReportJson {
     /// Robot time at its end, in microseconds.
     pub after_us: Option<u64>,
     /// Index, in its mission, of the task instance that was being executed.
@@ -109,7 +111,7 @@ pub struct LastWordsReport {
     pub panic: Option<String>,
     /// What the processor said of its fault.
     pub fault: Option<FaultReport>,
-    /// Who showed no sign of life, so that the watchdog ran out.
+    /// Who showed no heartbeat, so that the watchdog ran out.
     pub silent: Option<String>,
     /// Starts after a defect in a row, this one included, none of which was healthy for long.
     pub bad_starts: u32,
@@ -130,11 +132,11 @@ pub struct FaultReport {
     pub address: Option<String>,
 }
 
-impl LastWordsReport {
+impl CrashReportJson {
     /// What these words say; `file` is the end of the path of the file that panicked.
-    pub fn new(words: LastWords, file: String) -> Self {
+    pub fn new(words: CrashReport, file: String) -> Self {
         let hex = |register: u32| format!("{register:#010x}");
-        let LastWords {
+        let CrashReport {
             reason,
             after_us,
             task,
@@ -143,7 +145,7 @@ impl LastWordsReport {
             silent,
             bad_starts,
         } = words;
-        LastWordsReport {
+        CrashReportJson {
             after_us: (after_us > 0).then_some(after_us),
             task,
             panic: (reason == ResetReason::Panic).then(|| format!("{file}:{line}")),
@@ -159,8 +161,8 @@ impl LastWordsReport {
                     format!("the slot at place {slot} was executed no more")
                 }
                 Silent::Link => "the link got no turn".to_owned(),
-                Silent::Slot0 => "a slot-0 task did not return, or had no time left".to_owned(),
-                Silent::Slot0ForLink => {
+                Silent::Background => "a slot-0 task did not return, or had no time left".to_owned(),
+                Silent::BackgroundForLink => {
                     "what came over its line left slot-0 tasks no time; that is not counted against the mission"
                         .to_owned()
                 }
@@ -170,7 +172,7 @@ impl LastWordsReport {
     }
 }
 
-impl fmt::Display for LastWordsReport {
+impl fmt::Display for CrashReportJson {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(panic) = &self.panic {
             write!(f, ", at {panic}")?;
@@ -212,19 +214,19 @@ pub struct TrialReport {
 
 /// What a robot's flash has, in the form of its JSON.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct KeptReport {
+pub struct StoreReport {
     /// Where the mission is that runs: `slot A`, `slot B` or `firmware`; none if none runs.
     pub runs: Option<&'static str>,
-    /// What is in slot A.
+    /// What is in bank A.
     pub slot_a: &'static str,
-    /// What is in slot B.
+    /// What is in bank B.
     pub slot_b: &'static str,
 }
 
-impl From<Kept> for KeptReport {
-    fn from(kept: Kept) -> Self {
+impl From<StoreStatus> for StoreReport {
+    fn from(kept: StoreStatus) -> Self {
         let [slot_a, slot_b] = kept.slots.map(slot_state);
-        KeptReport {
+        StoreReport {
             runs: match kept.runs {
                 Source::Nothing => None,
                 Source::A => Some("slot A"),
@@ -256,11 +258,11 @@ pub struct FlashReport {
 impl From<FlashHealth> for FlashReport {
     fn from(health: FlashHealth) -> Self {
         let (records, way_in) = match health.records {
-            RecordsState::New => ("new", None),
-            RecordsState::Whole => ("whole", None),
-            RecordsState::Once => ("once", None),
-            RecordsState::Unreadable(way_in) => ("unreadable", Some(way_in)),
-            RecordsState::Older(way_in) => ("older", Some(way_in)),
+            KeyValuesState::New => ("new", None),
+            KeyValuesState::Whole => ("whole", None),
+            KeyValuesState::Once => ("once", None),
+            KeyValuesState::Unreadable(way_in) => ("unreadable", Some(way_in)),
+            KeyValuesState::Older(way_in) => ("older", Some(way_in)),
         };
         FlashReport {
             records,
@@ -310,23 +312,23 @@ impl FlashReport {
 }
 
 /// What is in a slot, in a word or two.
-fn slot_state(state: SlotState) -> &'static str {
+fn slot_state(state: BankState) -> &'static str {
     match state {
-        SlotState::Runs => "runs",
-        SlotState::OnTrial => "on trial",
-        SlotState::Spare => "spare",
-        SlotState::Empty => "empty",
-        SlotState::Unsealed => "unsealed",
-        SlotState::BrokenHeader => "broken header",
-        SlotState::OtherFormat => "other format",
-        SlotState::TooLong => "too long",
-        SlotState::NoRoom { .. } => "no room",
-        SlotState::BrokenPayload => "broken payload",
-        SlotState::Unreadable => "unreadable",
-        SlotState::Refused => "refused",
-        SlotState::TrialFailed => "trial failed",
-        SlotState::TrialNotRecorded => "trial not recorded",
-        SlotState::GivenUp => "given up",
+        BankState::Runs => "runs",
+        BankState::OnTrial => "on trial",
+        BankState::Spare => "spare",
+        BankState::Empty => "empty",
+        BankState::Unsealed => "unsealed",
+        BankState::BrokenHeader => "broken header",
+        BankState::OtherFormat => "other format",
+        BankState::TooLong => "too long",
+        BankState::NoRoom { .. } => "no room",
+        BankState::BrokenPayload => "broken payload",
+        BankState::Unreadable => "unreadable",
+        BankState::Refused => "refused",
+        BankState::TrialFailed => "trial failed",
+        BankState::TrialNotRecorded => "trial not recorded",
+        BankState::GivenUp => "given up",
     }
 }
 
@@ -364,11 +366,11 @@ impl From<FallBack> for FallBackReport {
 pub fn execute(args: &StatusArgs, console: &mut Console) -> Result<(), CommandError> {
     let (mut robot, info) = args.robot.connect(console)?;
     let reading = Reader::default().read(&mut robot, Tasks::None)?;
-    let (words, file) = robot.last_words()?;
+    let (words, file) = robot.crash_report()?;
     let left_out = robot.built_in()?.left_out();
     let report = StatusReport {
         built_without: left_out.into_iter().map(Feature::name).collect(),
-        last_words: LastWordsReport::new(words, file),
+        crash_report: CrashReportJson::new(words, file),
         ..StatusReport::new(info, reading)
     };
     if args.json {
@@ -402,7 +404,7 @@ impl StatusReport {
             machine: reading.machine,
             trial: status.trial.map(TrialReport::from),
             fell_back: status.fell_back.map(FallBackReport::from),
-            kept: status.kept.map(KeptReport::from),
+            kept: status.kept.map(StoreReport::from),
             flash: status.flash.map(FlashReport::from),
             changed_params: status.changed_params,
             saved_params: status.saved_params,
@@ -417,7 +419,7 @@ impl StatusReport {
             trace_dropped: status.trace_dropped,
             deepest_stack_bytes: status.stack_bytes,
             last_reset: reset_reason(status.reset),
-            last_words: LastWordsReport::default(),
+            crash_report: CrashReportJson::default(),
             slots: (reading.slots.into_iter())
                 .map(|slot| slot.counted)
                 .collect(),
@@ -450,7 +452,7 @@ impl fmt::Display for StatusReport {
         row("robot time", format!("{robot_s:.1} s since it started"))?;
         row(
             "last reset",
-            format!("{}{}", self.last_reset, self.last_words),
+            format!("{}{}", self.last_reset, self.crash_report),
         )?;
         if let Some(mission) = &self.mission {
             let seconds = self.t_us as f64 / 1e6;
@@ -489,7 +491,7 @@ impl fmt::Display for StatusReport {
         if let Some(FallBackReport { mission, reason }) = &self.fell_back {
             row("last fall-back", format!("gave {mission} up: {reason}"))?;
         }
-        if let Some(KeptReport {
+        if let Some(StoreReport {
             runs,
             slot_a,
             slot_b,

@@ -21,7 +21,7 @@ use super::robot::{self, LONGEST_WAITS, OnTheLine, Robot, RobotArgs, is_back, wh
 use super::status::mode_words;
 use super::{file, stage};
 use crate::clean::counted;
-use crate::inspect::changes::{CarryOver, Changes};
+use crate::inspect::changes::{Changes, Migration};
 use crate::inspect::refusal::Explained;
 use crate::keys;
 use crate::link_client::{ClientError, RobotInfo, Streams};
@@ -174,7 +174,7 @@ struct Preview {
     /// How the missions differ.
     changes: Changes,
     /// With `--warm`: what goes on, by the states that the robot is in now.
-    carry_over: Option<CarryOver>,
+    carry_over: Option<Migration>,
 }
 
 /// What `--diff` has compared, in the form of its JSON.
@@ -183,7 +183,7 @@ struct Compared<'p> {
     /// How the missions differ; none where none runs.
     changes: Option<&'p Changes>,
     /// With `--warm`: what goes on, by the states that the robot is in now.
-    carry_over: Option<&'p CarryOver>,
+    carry_over: Option<&'p Migration>,
 }
 
 /// How many bytes a line of so many bits a second carries for each byte of a mission at most: where
@@ -224,7 +224,7 @@ impl Preview {
                 Some(usize::from(*state))
             };
             // Without names nothing goes on.
-            CarryOver::between(&running.tables(), current, &next.tables()).ok()
+            Migration::between(&running.tables(), current, &next.tables()).ok()
         } else {
             None
         };
@@ -822,7 +822,7 @@ fn running_mission(
         Ok(blob) => blob,
         Err(error) if error.refusal() == Some(LinkError::NoMission) => return Ok(None),
         Err(ClientError::NoReply {
-            spoiled_frames: 1..,
+            corrupt_frames: 1..,
             ..
         }) if !is_needed => {
             console.note(

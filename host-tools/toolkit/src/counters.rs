@@ -13,7 +13,7 @@ pub struct SlotReport {
     pub slot: u32,
     /// Executions that ended while the mission ran.
     pub executed: u32,
-    /// Occurrences that did not start within their period.
+    /// Activations that did not start within their period.
     pub missed: u32,
     /// Executions that took longer than the slot; stays at 65,535.
     pub overruns: u32,
@@ -110,7 +110,7 @@ impl fmt::Display for SlotReport {
 }
 
 impl SlotReport {
-    /// Whether its times say anything: on the board `host` time stands still while an occurrence is
+    /// Whether its times say anything: on the board `host` time stands still while an activation is
     /// executed.
     pub fn is_timed(&self) -> bool {
         self.longest_execution_ns > 0 || self.longest_delay_ns > 0

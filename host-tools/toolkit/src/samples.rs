@@ -12,7 +12,7 @@ use crate::trace::directory::Directory;
 const PIECES: u64 = 1_000_000;
 
 /// A machine with all kinds of states: two regions, a container used twice, flags through `^`, an
-/// event, a slot-0 task.
+/// event, a background task.
 pub const ROVER: &str = "
     interpreter slot 1;
     slot 1 period 10 ms duration 1 ms;

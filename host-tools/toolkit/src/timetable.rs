@@ -1,4 +1,4 @@
-//! Where the occurrences of a schedule are: which stretch of it is worth looking at, what is in it,
+//! Where the activations of a schedule are: which stretch of it is worth looking at, what is in it,
 //! and what is free.
 //!
 //! Slots come with their starts. Time is looked at in **frames** as long as the shortest period. A
@@ -12,8 +12,8 @@
 //! let timetable = Timetable::new(vec![slot(1, 0, 20_000, 2_000), slot(3, 6_000, 40_000, 2_000)]);
 //! let window = timetable.window(50);
 //! assert_eq!((window.start_us, window.length_us, window.busy_us), (0, 40_000, 6_000));
-//! let occurrences = timetable.occurrences(window.start_us, window.end_us());
-//! assert_eq!(occurrences.iter().map(|one| one.start_us).collect::<Vec<_>>(), [0, 6_000, 20_000]);
+//! let activations = timetable.activations(window.start_us, window.end_us());
+//! assert_eq!(activations.iter().map(|one| one.start_us).collect::<Vec<_>>(), [0, 6_000, 20_000]);
 //! ```
 
 use std::cmp::Reverse;
@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 use crate::pictures::axis;
 use crate::schedule::{Report, gcd};
 
-/// As many occurrences are looked at to find the busiest window, about: the schedule behind them is
+/// As many activations are looked at to find the busiest window, about: the schedule behind them is
 /// not searched.
 pub const MAX_SEARCHED: u64 = 100_000;
 
@@ -31,7 +31,7 @@ pub const MAX_SEARCHED: u64 = 100_000;
 pub struct TimedSlot {
     /// The number that it was declared with.
     pub number: u32,
-    /// Start of its first occurrence in microseconds, below its period.
+    /// Start of its first activation in microseconds, below its period.
     pub start_us: u32,
     /// Its period in microseconds, above 0.
     pub period_us: u32,
@@ -39,12 +39,12 @@ pub struct TimedSlot {
     pub duration_us: u32,
 }
 
-/// One occurrence of a slot.
+/// One activation of a slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Occurrence {
+pub struct Activation {
     /// Index of the slot.
     pub slot: usize,
-    /// Which occurrence of its slot it is, from 0. What reaches over the end of a hyperperiod is
+    /// Which activation of its slot it is, from 0. What reaches over the end of a hyperperiod is
     /// seen at its beginning too: that one has -1.
     pub number: i64,
     /// When it starts, in microseconds from the origin.
@@ -214,13 +214,13 @@ impl Timetable {
         self.hyperperiod_us
     }
 
-    /// The most frames in which at most `most` occurrences begin, or a hyperperiod if that is
+    /// The most frames in which at most `most` activations begin, or a hyperperiod if that is
     /// shorter; at least one.
     pub fn frames_with(&self, most: u64) -> u64 {
         if self.frame_us == 0 {
             return 1;
         }
-        // One occurrence a slot, and what the rates bring: exact enough for a limit.
+        // One activation a slot, and what the rates bring: exact enough for a limit.
         let most_begun = most.saturating_sub(self.slots.len() as u64);
         let per_frame: f64 = self
             .slots
@@ -239,7 +239,7 @@ impl Timetable {
 
     /// A hyperperiod, if it has at most so many frames; else the busiest window of so many frames,
     /// the first of several: of all that begin with a frame, the one of which slots take most. It
-    /// is looked for in as much of the schedule as [`MAX_SEARCHED`] occurrences are.
+    /// is looked for in as much of the schedule as [`MAX_SEARCHED`] activations are.
     pub fn window(&self, most_frames: u64) -> Window {
         let most_frames = most_frames.clamp(1, MAX_SEARCHED);
         let whole_frames = self.frames_of_hyperperiod();
@@ -281,7 +281,7 @@ impl Timetable {
     }
 
     /// How much of each frame slots take, in microseconds, from the origin on: over a hyperperiod,
-    /// or over the part of it that [`MAX_SEARCHED`] occurrences are; at least over so many frames.
+    /// or over the part of it that [`MAX_SEARCHED`] activations are; at least over so many frames.
     pub fn loads_us(&self, least_frames: u64) -> Vec<u64> {
         let frames = self.frames_with(MAX_SEARCHED).max(least_frames);
         if self.frame_us == 0 {
@@ -307,23 +307,23 @@ impl Timetable {
         loads
     }
 
-    /// All occurrences of which a part is in a stretch of time, by their starts. Their number is
+    /// All activations of which a part is in a stretch of time, by their starts. Their number is
     /// the caller's concern.
-    pub fn occurrences(&self, from_us: u64, to_us: u64) -> Vec<Occurrence> {
-        let mut found: Vec<Occurrence> = (0..self.slots.len())
+    pub fn activations(&self, from_us: u64, to_us: u64) -> Vec<Activation> {
+        let mut found: Vec<Activation> = (0..self.slots.len())
             .flat_map(|slot| self.of_slot(slot, from_us, to_us))
             .collect();
         found.sort_by_key(|one| (one.start_us, one.slot));
         found
     }
 
-    /// The occurrences of one slot of which a part is in a stretch of time.
+    /// The activations of one slot of which a part is in a stretch of time.
     pub fn of_slot(
         &self,
         slot: usize,
         from_us: u64,
         to_us: u64,
-    ) -> impl Iterator<Item = Occurrence> + use<> {
+    ) -> impl Iterator<Item = Activation> + use<> {
         let signed = |us: u64| i64::try_from(us).unwrap_or(i64::MAX);
         let (from_us, to_us) = (signed(from_us), signed(to_us));
         let timed = self.slots.get(slot).copied();
@@ -338,7 +338,7 @@ impl Timetable {
                 let start_us = number
                     .saturating_mul(timed.period_us.into())
                     .saturating_add(timed.start_us.into());
-                Occurrence {
+                Activation {
                     slot,
                     number,
                     start_us,
@@ -349,8 +349,8 @@ impl Timetable {
     }
 }
 
-/// What occurrences, in the order of their starts, leave free of a stretch of time.
-pub fn gaps(occurrences: &[Occurrence], from_us: u64, to_us: u64) -> Vec<Gap> {
+/// What activations, in the order of their starts, leave free of a stretch of time.
+pub fn gaps(activations: &[Activation], from_us: u64, to_us: u64) -> Vec<Gap> {
     let mut gaps = Vec::new();
     let mut free_from_us = from_us;
     let mut note = |start_us: u64, end_us: u64| {
@@ -361,7 +361,7 @@ pub fn gaps(occurrences: &[Occurrence], from_us: u64, to_us: u64) -> Vec<Gap> {
             });
         }
     };
-    for one in occurrences {
+    for one in activations {
         note(
             free_from_us,
             u64::try_from(one.start_us).unwrap_or(0).min(to_us),
@@ -429,7 +429,7 @@ mod tests {
             panic!("{window:?}");
         };
         assert_eq!(window.length_us, 4 * 999_931);
-        let begun = slots.occurrences(0, searched_us).len() as u64;
+        let begun = slots.activations(0, searched_us).len() as u64;
         assert!(begun <= MAX_SEARCHED && begun > MAX_SEARCHED / 2, "{begun}");
     }
 
@@ -437,7 +437,7 @@ mod tests {
     fn no_slots_are_a_timetable_of_nothing() {
         let nothing = timetable(&[]);
         assert_eq!(nothing.window(10).busy_us, 0);
-        assert_eq!(nothing.occurrences(0, 100), []);
+        assert_eq!(nothing.activations(0, 100), []);
         assert_eq!(nothing.loads_us(3), [0; 0]);
         assert_eq!(
             gaps(&[], 0, 100),
@@ -452,7 +452,7 @@ mod tests {
     fn what_reaches_over_the_end_of_a_period_is_seen_at_the_origin() {
         let slots = timetable(&[(36, 40, 6)]);
         let starts: Vec<_> = slots
-            .occurrences(0, 80)
+            .activations(0, 80)
             .iter()
             .map(|one| (one.number, one.start_us, one.end_us))
             .collect();
@@ -481,7 +481,7 @@ mod tests {
         #[test]
         fn occurrences_and_gaps_share_out_every_microsecond(slots in any_timetable(), from in 0_u64..300, length in 1_u64..300) {
             let to = from + length;
-            let found = slots.occurrences(from, to);
+            let found = slots.activations(from, to);
             let free = gaps(&found, from, to);
             for us in from..to {
                 let is_busy = slots.slots().iter().any(|slot| {
@@ -498,7 +498,7 @@ mod tests {
         #[test]
         fn no_window_is_busier_than_the_busiest(slots in any_timetable(), frames in 1_u64..5) {
             let window = slots.window(frames);
-            let busy_us = |from: u64, to: u64| to - from - gaps(&slots.occurrences(from, to), from, to).iter().map(|gap| gap.length_us).sum::<u64>();
+            let busy_us = |from: u64, to: u64| to - from - gaps(&slots.activations(from, to), from, to).iter().map(|gap| gap.length_us).sum::<u64>();
             prop_assert_eq!(busy_us(window.start_us, window.end_us()), window.busy_us);
             let hyperperiod_us = slots.hyperperiod_us().unwrap();
             for start in (0..hyperperiod_us).step_by(slots.frame_us() as usize) {

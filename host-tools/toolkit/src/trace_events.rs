@@ -2,7 +2,7 @@
 //! `chrome://tracing` open.
 //!
 //! One track a slot, and one for what is free. What is written is a hyperperiod if it has at most
-//! [`MAX_OCCURRENCES`], else the busiest window that has about as many; `otherData` says which.
+//! [`MAX_ACTIVATIONS`], else the busiest window that has about as many; `otherData` says which.
 //! Times are nominal: the origin is the origin of the slots' starts.
 
 use std::collections::BTreeMap;
@@ -10,10 +10,10 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::timetable::{Extent, Occurrence, Timetable, gaps};
+use crate::timetable::{Activation, Extent, Timetable, gaps};
 
-/// Occurrences in a file, about.
-pub const MAX_OCCURRENCES: u64 = 20_000;
+/// Activations in a file, about.
+pub const MAX_ACTIVATIONS: u64 = 20_000;
 
 /// The only process: its threads are the tracks.
 const PROCESS: u32 = 1;
@@ -46,8 +46,8 @@ pub fn to_json(
     timetable: &Timetable,
     tasks: &BTreeMap<u32, Vec<String>>,
 ) -> serde_json::Result<String> {
-    let window = timetable.window(timetable.frames_with(MAX_OCCURRENCES));
-    let is_inside = |one: &Occurrence| {
+    let window = timetable.window(timetable.frames_with(MAX_ACTIVATIONS));
+    let is_inside = |one: &Activation| {
         let is_real = one.number >= 0;
         is_real && u64::try_from(one.start_us).is_ok_and(|start_us| start_us >= window.start_us)
     };
@@ -92,12 +92,12 @@ pub fn to_json(
         .collect::<Result<Vec<String>, _>>()?;
     // What began before the window, or would have begun before the origin, leaves no gap and is no
     // event.
-    let occurrences: Vec<Occurrence> = timetable
-        .occurrences(window.start_us, window.end_us())
+    let activations: Vec<Activation> = timetable
+        .activations(window.start_us, window.end_us())
         .into_iter()
         .filter(|one| one.number >= 0)
         .collect();
-    for one in occurrences.iter().filter(|one| is_inside(one)) {
+    for one in activations.iter().filter(|one| is_inside(one)) {
         let Some(slot) = timetable.slots().get(one.slot) else {
             continue;
         };
@@ -117,7 +117,7 @@ pub fn to_json(
             }),
         })?);
     }
-    for gap in gaps(&occurrences, window.start_us, window.end_us()) {
+    for gap in gaps(&activations, window.start_us, window.end_us()) {
         lines.push(serde_json::to_string(&Complete {
             name: "free".into(),
             cat: "free",
@@ -248,7 +248,7 @@ mod tests {
             other["start_us"].as_u64().unwrap(),
             other["length_us"].as_u64().unwrap(),
         );
-        let mut occurrences = 0;
+        let mut activations = 0;
         for (_, event) in events(&text, "X") {
             let (ts, dur) = (
                 event["ts"].as_u64().unwrap(),
@@ -264,12 +264,12 @@ mod tests {
                     ts,
                     u64::from(first) + args["occurrence"].as_u64().unwrap() * u64::from(period)
                 );
-                occurrences += 1;
+                activations += 1;
             }
         }
         assert!(
-            occurrences <= MAX_OCCURRENCES && occurrences > MAX_OCCURRENCES / 2,
-            "{occurrences}"
+            activations <= MAX_ACTIVATIONS && activations > MAX_ACTIVATIONS / 2,
+            "{activations}"
         );
     }
 

@@ -1,7 +1,7 @@
 //! The messages between a board and the plant, and the board's side of their exchange.
 //!
-//! One exchange opens each slot occurrence. The board sends what its pins drive and the plant
-//! answers with what they measure at the occurrence's nominal start, so the slot's tasks see the
+//! One exchange opens each slot activation. The board sends what its pins drive and the plant
+//! answers with what they measure at the activation's nominal start, so the slot's tasks see the
 //! plant as it was then, whatever the board's own jitter.
 //!
 //! Both messages have a fixed size; numbers are little endian, in the order of the fields:
@@ -9,8 +9,8 @@
 //! | request | bytes | | reply | bytes |
 //! |---|---|---|---|---|
 //! | sequence | 4 | | sequence of the request | 4 |
-//! | nominal start of this occurrence, plant time in µs | 8 | | left, right encoder count | 2 + 2 |
-//! | nominal end of the occurrence before, in µs | 8 | | how long each echo pin was high, in µs | 8 × 2 |
+//! | nominal start of this activation, plant time in µs | 8 | | left, right encoder count | 2 + 2 |
+//! | nominal end of the activation before, in µs | 8 | | how long each echo pin was high, in µs | 8 × 2 |
 //! | left, right duty (signed) | 2 + 2 | | echo pins that are high still | 1 |
 //! | sonar trigger bits, auxiliary output bits | 1 + 1 | | ADC counts | 7 × 2 |
 //! | | | | inputs that are low: bit 0 the emergency stop's | 1 |
@@ -35,18 +35,18 @@ const STOP_IS_LOW: u8 = 1 << 0;
 /// Stale frames in a row that a board bears; one more and it must go to its safe state.
 pub const STALE_FRAME_LIMIT: u8 = 5;
 
-/// What the board tells the plant at the start of a slot occurrence.
+/// What the board tells the plant at the start of a slot activation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Request {
     /// Counts the exchanges from 0; wraps.
     pub sequence: u32,
-    /// Nominal start of this occurrence, in microseconds of plant time. Sensors are read at this
+    /// Nominal start of this activation, in microseconds of plant time. Sensors are read at this
     /// instant.
     pub start_us: u64,
-    /// Nominal end of the occurrence before, in microseconds of plant time. The actuators take
+    /// Nominal end of the activation before, in microseconds of plant time. The actuators take
     /// effect at this instant.
     pub effect_us: u64,
-    /// What the tasks of the occurrence before left on the pins.
+    /// What the tasks of the activation before left on the pins.
     pub actuators: Actuators,
 }
 
@@ -202,8 +202,8 @@ impl PlantExchange {
         }
     }
 
-    /// The request that opens the occurrence whose nominal start is `start_us`; `effect_us` is the
-    /// nominal end of the occurrence before (of any slot), both in microseconds of plant time.
+    /// The request that opens the activation whose nominal start is `start_us`; `effect_us` is the
+    /// nominal end of the activation before (of any slot), both in microseconds of plant time.
     /// Takes the sonar triggers from `pins`, and switches off each motor that no task has written
     /// for [`DEADMAN_US`].
     pub fn request(&mut self, pins: &PinImage, start_us: u64, effect_us: u64) -> Request {

@@ -29,7 +29,7 @@ pub const WRITE_US: u32 = 40;
 /// The most bytes that one read or write carries.
 pub const MAX_PART_BYTES: usize = 64;
 /// Bytes of a request before those that are to be written.
-pub const REQUEST_HEAD_BYTES: usize = 9;
+pub const REQUEST_HEADER_BYTES: usize = 9;
 
 /// What is done to the flash.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,14 +55,14 @@ pub struct FlashRequest {
 
 impl FlashRequest {
     /// The head as bytes.
-    pub fn encode(&self) -> [u8; REQUEST_HEAD_BYTES] {
+    pub fn encode(&self) -> [u8; REQUEST_HEADER_BYTES] {
         let [a0, a1, a2, a3] = self.address.to_le_bytes();
         let [l0, l1, l2, l3] = self.len.to_le_bytes();
         [self.operation as u8, a0, a1, a2, a3, l0, l1, l2, l3]
     }
 
     /// The head in `bytes`, if it is one.
-    pub fn decode(bytes: &[u8; REQUEST_HEAD_BYTES]) -> Option<Self> {
+    pub fn decode(bytes: &[u8; REQUEST_HEADER_BYTES]) -> Option<Self> {
         let [operation, a0, a1, a2, a3, l0, l1, l2, l3] = *bytes;
         let operation = match operation {
             0 => Operation::Read,
@@ -221,7 +221,7 @@ mod tests {
             };
             assert_eq!(FlashRequest::decode(&request.encode()), Some(request));
         }
-        assert_eq!(FlashRequest::decode(&[3; REQUEST_HEAD_BYTES]), None);
+        assert_eq!(FlashRequest::decode(&[3; REQUEST_HEADER_BYTES]), None);
     }
 
     #[test]

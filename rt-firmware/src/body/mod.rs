@@ -3,7 +3,7 @@
 //!
 //! A real board has timers, counters and converters behind its pins. The emulated board and the
 //! host board have none, so their pins are a [`PinImage`]: drivers write and read it through the
-//! same `embedded-hal` objects as on hardware ([`Parts`]), and once in each slot occurrence the
+//! same `embedded-hal` objects as on hardware ([`Parts`]), and once in each slot activation the
 //! board carries it to the plant and back with a [`PlantExchange`].
 //!
 //! ```text

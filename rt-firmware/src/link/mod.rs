@@ -2,13 +2,13 @@
 
 /// Whether this defect is planted. Only tests have defects to plant: each must make them fail.
 #[cfg(test)]
-macro_rules! planted {
+macro_rules! mutant {
     ($bug:ident) => {
-        esm_link::mutants::is_planted(esm_link::mutants::Bug::$bug)
+        esm_link::mutants::is_mutant(esm_link::mutants::Bug::$bug)
     };
 }
 #[cfg(not(test))]
-macro_rules! planted {
+macro_rules! mutant {
     ($bug:ident) => {
         false
     };
@@ -27,11 +27,11 @@ macro_rules! preemptible {
 }
 
 pub mod device;
-pub mod news;
 #[cfg(test)]
-mod planted;
+mod mutants;
 #[cfg(test)]
 mod preemption;
+pub mod status_event;
 pub mod stop_listener;
 pub(crate) mod stops;
 pub mod trial;

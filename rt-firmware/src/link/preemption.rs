@@ -9,7 +9,7 @@ use std::vec::Vec;
 
 use super::device::{LinkPort, LinkSide};
 use super::stop_listener::StopListener;
-use crate::{About, Board, Limits, Mail, Memory, RealTime, TaskBank, split};
+use crate::{About, AnyTaskPool, Board, Limits, Mailbox, Memory, RealTime, split};
 use esm_link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, decode, encode};
 use esm_link::message::{FromDevice, LinkError, Mode, Request, Response, ToDevice};
 
@@ -190,11 +190,11 @@ struct Robot {
 impl Robot {
     fn new() -> Self {
         let memory = Box::leak(Box::new(Memory::<256, 64, SLOTS, 4, 4, 1, 256>::new()));
-        let banks: &'static mut [&'static mut dyn TaskBank] = Box::leak(Box::new([]));
-        let mail = Box::leak(Box::new(Mail::new()));
+        let banks: &'static mut [&'static mut dyn AnyTaskPool] = Box::leak(Box::new([]));
+        let mailbox = Box::leak(Box::new(Mailbox::new()));
         let about = About::new("interrupted", "none");
         let (mut real_time, _, link) =
-            split(memory, banks, mail, about, Limits::default()).expect("nothing is declared");
+            split(memory, banks, mailbox, about, Limits::default()).expect("nothing is declared");
         real_time.on_timer(&mut Timer);
         let interrupts = Rc::new(Interrupts {
             level: Cell::new(Level::Link),

@@ -13,8 +13,8 @@
 #[cfg(doc)]
 use esm_link::message::Request;
 
-use crate::kept::Kept;
-use crate::supervision::Signs;
+use crate::retained_ram::RetainedRam;
+use crate::supervision::Heartbeats;
 use esm_link::frame::{CRC_BYTES, DELIMITER, checksum};
 
 /// Numbers of the requests that it knows.
@@ -45,8 +45,8 @@ pub struct StopListener<'m> {
     len: u8,
     /// Bytes that were kept for the link; wraps.
     kept_bytes: u32,
-    signs: &'m Signs,
-    kept: Option<&'m Kept>,
+    heartbeats: &'m Heartbeats,
+    kept: Option<&'m RetainedRam>,
 }
 
 /// What it knows.
@@ -57,12 +57,12 @@ enum Heard {
 }
 
 impl<'m> StopListener<'m> {
-    pub(crate) const fn new(signs: &'m Signs, kept: Option<&'m Kept>) -> Self {
+    pub(crate) const fn new(heartbeats: &'m Heartbeats, kept: Option<&'m RetainedRam>) -> Self {
         StopListener {
             frame: [0; LONGEST],
             len: 0,
             kept_bytes: 0,
-            signs,
+            heartbeats,
             kept,
         }
     }
@@ -77,9 +77,9 @@ impl<'m> StopListener<'m> {
     pub fn hear(&mut self, byte: u8, is_kept: bool) -> bool {
         if is_kept {
             self.kept_bytes = self.kept_bytes.wrapping_add(1);
-            self.signs.stops.keep_bytes(self.kept_bytes);
+            self.heartbeats.stops.keep_bytes(self.kept_bytes);
         } else {
-            self.signs.stops.lose_byte();
+            self.heartbeats.stops.lose_byte();
         }
         if byte != DELIMITER {
             if let Some(place) = self.frame.get_mut(usize::from(self.len)) {
@@ -95,10 +95,10 @@ impl<'m> StopListener<'m> {
         };
         // Where its last byte is lost, whatever the link gets next comes behind it.
         let behind = self.kept_bytes.wrapping_add(u32::from(!is_kept));
-        self.signs.stops.hear(behind);
+        self.heartbeats.stops.hear(behind);
         match heard {
-            Heard::Stop => self.signs.stops.call(),
-            Heard::EmergencyStop => self.signs.latch_emergency_stop(self.kept),
+            Heard::Stop => self.heartbeats.stops.call(),
+            Heard::EmergencyStop => self.heartbeats.latch_emergency_stop(self.kept),
         }
         true
     }
@@ -116,7 +116,7 @@ fn stop_in(frame: &mut [u8]) -> Option<Heard> {
         [_, request @ ..] => timely(request),
         [] => None,
     }?;
-    let is_whole = checksum(message) == u32::from_le_bytes(*crc) || planted!(NoiseStops);
+    let is_whole = checksum(message) == u32::from_le_bytes(*crc) || mutant!(NoiseStops);
     is_whole.then_some(heard)
 }
 
@@ -192,13 +192,13 @@ mod tests {
 
     /// How many stops are heard among these bytes.
     fn heard(bytes: &[u8]) -> (u32, bool) {
-        let signs = Signs::new();
-        let mut listener = StopListener::new(&signs, None);
+        let heartbeats = Heartbeats::new();
+        let mut listener = StopListener::new(&heartbeats, None);
         let calls = bytes.iter().filter(|byte| listener.hear(**byte, true));
         let calls = calls.count() as u32;
-        assert_eq!(signs.stops.count(), calls);
-        assert_eq!(signs.stops.is_called(), calls > 0);
-        (calls, signs.is_emergency_stopped())
+        assert_eq!(heartbeats.stops.count(), calls);
+        assert_eq!(heartbeats.stops.is_called(), calls > 0);
+        (calls, heartbeats.is_emergency_stopped())
     }
 
     #[test]

@@ -16,8 +16,8 @@ use core::sync::atomic::{
     fence,
 };
 
-use crate::kept::Kept;
-use crate::supervision::Signs;
+use crate::retained_ram::RetainedRam;
+use crate::supervision::Heartbeats;
 
 /// What is known of stops that were wished for. Counts wrap.
 pub(crate) struct Stops {
@@ -129,21 +129,21 @@ impl Stops {
     /// Whether a stop was wished for since there were so many wishes. With `None` one had been
     /// heard already, further on.
     pub(crate) fn overtakes(&self, count: Option<u32>) -> bool {
-        count != Some(self.count()) && !planted!(OvertakenForgotten)
+        count != Some(self.count()) && !mutant!(OvertakenForgotten)
     }
 
     /// Whether the robot has stopped for the wish of this number, or for a later one.
     pub(crate) fn is_done(&self, number: u32) -> bool {
         preemptible!();
         let ahead = self.done.load(Acquire).wrapping_sub(number) as i32;
-        planted!(StopDoneBefore) || ahead >= 0
+        mutant!(StopDoneBefore) || ahead >= 0
     }
 }
 
-impl Signs {
+impl Heartbeats {
     /// Lets the real-time side switch the motors off before it next exchanges anything with the
     /// body, and after each reset. Whoever wants that has counted the wish before.
-    pub(crate) fn latch_emergency_stop(&self, kept: Option<&Kept>) {
+    pub(crate) fn latch_emergency_stop(&self, kept: Option<&RetainedRam>) {
         // Before all else: a release that is under way is older than this, and must not end it.
         self.release.store(false, Relaxed);
         preemptible!();
@@ -196,7 +196,7 @@ impl Place {
         // First how many, then where: one that is heard in between is still ahead.
         let heard = stops.heard.load(Acquire);
         preemptible!();
-        if heard == self.passed || planted!(StopAheadForgotten) {
+        if heard == self.passed || mutant!(StopAheadForgotten) {
             return false;
         }
         let ahead = stops.heard_at.load(Acquire).wrapping_sub(self.taken) as i32;

@@ -1,16 +1,17 @@
 //! Who remembers across a reset which mission is on trial.
 
-use esm_link::message::{FlashHealth, Kept, LinkError};
+use esm_link::message::{FlashHealth, LinkError, StoreStatus};
 
 use crate::realtime::params::SavedParams;
-use crate::store::keep::Start;
+use crate::store::flash_store::Start;
 
 /// Remembers across a reset which mission is on trial and which was confirmed: a store on a flash.
-/// A board that has one hands it out by [`LinkPort::keeper`](super::device::LinkPort::keeper).
+/// A board that has one hands it out by
+/// [`LinkPort::mission_store`](super::device::LinkPort::mission_store).
 ///
 /// All of this is called from the link's context and may take as long as a flash does: slots go on
 /// meanwhile, requests wait.
-pub trait MissionKeeper {
+pub trait MissionStore {
     /// A mission was uploaded and checked, and is about to take over: none is on trial any more,
     /// and one whose confirmation was not taken is confirmed first. When this has come back, a
     /// reset must find the mission whole, on trial; if it comes back with an error, the mission
@@ -46,7 +47,7 @@ pub trait MissionKeeper {
     fn choose(&mut self, room: &mut [u8], accepts: &mut dyn FnMut(&[u8]) -> bool) -> Start;
 
     /// Which mission runs, and why.
-    fn kept(&self) -> Kept;
+    fn kept(&self) -> StoreStatus;
 
     /// Keeps values of parameters, in place of those before, for whatever mission they were; none
     /// of [`SavedParams::NONE`]. Cut at any time, these are kept or those before.

@@ -5,31 +5,31 @@ use esm_core::tables::Tables;
 use esm_core::{BlobBuffer, Interpreter};
 
 use super::RealTime;
-use super::jobs::net_of;
+use super::background_runs::net_of;
 use super::mission::Mission;
 use crate::features::PARAMS;
-use crate::mail::{Bytes, Letter};
+use crate::mailbox::{Bytes, Command};
 use crate::task::MAX_DATA_PORTS;
 use esm_link::message::{LinkError, TaskCounters};
 use esm_link::telemetry::Ask;
 
 impl<'m> RealTime<'_, 'm> {
     /// Answers a question about the mission.
-    pub(super) fn answer(&self, question: &Letter<'m>, ticks_per_us: u32) -> Letter<'m> {
+    pub(super) fn answer(&self, question: &Command<'m>, ticks_per_us: u32) -> Command<'m> {
         let Some(mission) = &self.mission else {
-            return Letter::Failed(LinkError::NoMission);
+            return Command::Failed(LinkError::NoMission);
         };
         let tables = mission.interpreter.tables();
         match *question {
-            Letter::ReadBlob { offset } => {
+            Command::ReadBlob { offset } => {
                 let blob = mission.interpreter.verified().bytes();
                 let bytes = blob.get(offset as usize..).unwrap_or_default();
-                Letter::Blob {
+                Command::Blob {
                     total: blob.len() as u32,
                     bytes: Bytes::first_of(bytes),
                 }
             }
-            Letter::ReadStates { first } => {
+            Command::ReadStates { first } => {
                 let mut bytes = Bytes::EMPTY;
                 let total = tables.region_instance_count();
                 for region in usize::from(first)..total {
@@ -37,27 +37,27 @@ impl<'m> RealTime<'_, 'm> {
                         break;
                     }
                 }
-                Letter::States {
+                Command::States {
                     step: mission.next_step,
                     total: total as u16,
                     bytes,
                 }
             }
-            Letter::ReadSlot { slot } => {
+            Command::ReadSlot { slot } => {
                 let index = usize::from(slot);
                 match (tables.slot(index), self.tasks.lists.slots.get(index)) {
-                    (Some(slot), Some(entry)) => Letter::Slot(entry.counters(
+                    (Some(slot), Some(entry)) => Command::Slot(entry.counters(
                         slot.number,
                         self.dispatcher.missed(index),
                         ticks_per_us,
                     )),
-                    _ => Letter::Failed(LinkError::NoSuchIndex),
+                    _ => Command::Failed(LinkError::NoSuchIndex),
                 }
             }
-            Letter::ReadTask { task_instance } => {
+            Command::ReadTask { task_instance } => {
                 let index = usize::from(task_instance);
                 if index < tables.task_instance_count() {
-                    Letter::Task(TaskCounters {
+                    Command::Task(TaskCounters {
                         enabled: mission.interpreter.is_enabled(index),
                         // The flag of a state that was left stands as it did until it is entered
                         // anew.
@@ -66,21 +66,21 @@ impl<'m> RealTime<'_, 'm> {
                         overruns: self.tasks.overruns(task_instance),
                     })
                 } else {
-                    Letter::Failed(LinkError::NoSuchIndex)
+                    Command::Failed(LinkError::NoSuchIndex)
                 }
             }
-            Letter::ReadParam { mission, param } if PARAMS => {
+            Command::ReadParam { mission, param } if PARAMS => {
                 match (self.mission_of(mission), tables.param(usize::from(param))) {
-                    (Ok(_), Some(of_mission)) => Letter::Param {
+                    (Ok(_), Some(of_mission)) => Command::Param {
                         value: self.params.get(param).unwrap_or(of_mission),
                         of_mission,
                         saved: self.saved.of(mission).get(param),
                     },
-                    (Ok(_), None) => Letter::Failed(LinkError::NoSuchIndex),
-                    (Err(error), _) => Letter::Failed(error),
+                    (Ok(_), None) => Command::Failed(LinkError::NoSuchIndex),
+                    (Err(error), _) => Command::Failed(error),
                 }
             }
-            _ => Letter::Failed(LinkError::NoSuchIndex),
+            _ => Command::Failed(LinkError::NoSuchIndex),
         }
     }
 
@@ -100,14 +100,14 @@ impl<'m> RealTime<'_, 'm> {
         &mut self,
         number: u8,
         ask: &[u8],
-    ) -> Result<Letter<'m>, LinkError> {
+    ) -> Result<Command<'m>, LinkError> {
         let ask = Ask::of(ask)?;
         let (Ask::Fields { mission, .. } | Ask::Values { mission, .. }) = ask;
         let tables = self.mission_of(mission)?.interpreter.tables();
         match ask {
             Ask::Fields { net, offset, .. } => {
                 let text = self.fields(&tables, net).ok_or(LinkError::NoSuchIndex)?;
-                Ok(Letter::Fields { text, offset })
+                Ok(Command::Fields { text, offset })
             }
             Ask::Values {
                 period_ms, nets, ..
@@ -118,7 +118,7 @@ impl<'m> RealTime<'_, 'm> {
                     return Err(LinkError::NoSuchIndex);
                 }
                 self.sampler.begin(number, mission, period_ms, nets);
-                Ok(Letter::ValuesWanted { number, mission })
+                Ok(Command::ValuesWanted { number, mission })
             }
         }
     }

@@ -6,11 +6,11 @@
 
 use super::RealTime;
 use super::mission::Origin;
+use super::staging::{StagedMission, StoppedMission};
 use super::trial::Trial;
-use super::upcoming::{Resting, Upcoming};
 use crate::board::{Board, ticks};
 use crate::features::WARM;
-use crate::mail::{Freed, Letter};
+use crate::mailbox::{Command, Freed};
 use esm_link::message::{LinkError, Mode, Swap};
 use esm_link::trial::{FallBack, FallBackReason};
 
@@ -28,9 +28,9 @@ impl<'m> RealTime<'_, 'm> {
     /// swap that is asked for when that step is due waits for the one after it, for which there is
     /// time to make it; where the step is late anyway, it comes with it.
     pub(super) fn changes_mission<B: Board>(&self, at: Origin) -> bool {
-        let is_asked = (self.waiting.as_ref()).is_some_and(|letter| match &**letter {
-            Letter::SetParam { .. } => false,
-            Letter::Swap { .. } if WARM => {
+        let is_asked = (self.waiting.as_ref()).is_some_and(|command| match &**command {
+            Command::SetParam { .. } => false,
+            Command::Swap { .. } if WARM => {
                 let due_ticks = self.waiting_since_ticks.checked_sub(at.ticks);
                 due_ticks.is_none_or(|due_ticks| due_ticks > lead_ticks::<B>())
             }
@@ -45,39 +45,39 @@ impl<'m> RealTime<'_, 'm> {
         if let Some(reason) = self.trial.as_ref().and_then(|trial| trial.end_at(at.us)) {
             // Whatever waits comes after it, unless it is what was asked for.
             self.fall_back(reason, at);
-            if let Some(letter) =
-                (self.waiting).take_if(|letter| matches!(letter, Letter::FallBack { .. }))
+            if let Some(command) =
+                (self.waiting).take_if(|command| matches!(command, Command::FallBack { .. }))
             {
-                *letter = Letter::Done;
-                self.answer_then(letter);
+                *command = Command::Done;
+                self.answer_then(command);
             }
             return;
         }
-        let Some(letter) = self.waiting.take() else {
+        let Some(command) = self.waiting.take() else {
             return;
         };
-        *letter = match core::mem::replace(letter, Letter::Empty) {
-            Letter::FallBack { .. } => {
+        *command = match core::mem::replace(command, Command::Empty) {
+            Command::FallBack { .. } => {
                 self.fall_back(FallBackReason::Asked, at);
-                Letter::Done
+                Command::Done
             }
-            Letter::Swap {
+            Command::Swap {
                 mission,
                 swap,
                 saved,
             } => {
-                self.saved.become_those(&saved);
+                self.saved.assign(&saved);
                 self.swap(mission, swap, at)
             }
             _ => self.start_anew(at),
         };
-        self.answer_then(letter);
+        self.answer_then(command);
     }
 
     /// Switches to another mission.
     // Not inlined, as nothing here: no other mission should be made on top of this one.
     #[inline(never)]
-    fn swap(&mut self, new: Upcoming<'m>, swap: Swap, at: Origin) -> Letter<'m> {
+    fn swap(&mut self, new: StagedMission<'m>, swap: Swap, at: Origin) -> Command<'m> {
         let mission = new.mission().hash();
         // What failed or stands still has nothing to hand over.
         let warm = swap.warm && self.mode == Mode::Running;
@@ -85,7 +85,7 @@ impl<'m> RealTime<'_, 'm> {
             Mode::Safe(reason) => Some(reason),
             _ => None,
         };
-        let (carried, old, pairs) = self.start_upcoming(new, warm, at);
+        let (carried, old, pairs) = self.start_staged(new, warm, at);
         let on_trial = swap.trial_ms > 0;
         if on_trial {
             self.trial = Some(Trial {
@@ -97,7 +97,7 @@ impl<'m> RealTime<'_, 'm> {
         } else if let Some(old) = old {
             self.free(old, None);
         }
-        Letter::Swapped {
+        Command::Swapped {
             mission,
             on_trial,
             carried,
@@ -107,40 +107,40 @@ impl<'m> RealTime<'_, 'm> {
 
     /// Starts the present mission anew.
     #[inline(never)]
-    fn start_anew(&mut self, at: Origin) -> Letter<'m> {
+    fn start_anew(&mut self, at: Origin) -> Command<'m> {
         // It came while this waited.
         if self.mode == Mode::EmergencyStopped {
-            return Letter::Failed(LinkError::EmergencyStopped);
+            return Command::Failed(LinkError::EmergencyStopped);
         }
         let running = self.running();
         let Some(mission) = self.end_mission() else {
-            return Letter::Failed(LinkError::NoMission);
+            return Command::Failed(LinkError::NoMission);
         };
         self.mode = Mode::Running;
         self.start_again(mission, running, at);
-        Letter::Started
+        Command::Started
     }
 
-    /// Answers a letter that has changed the mission when its first macro step begins: until then
+    /// Answers a command that has changed the mission when its first macro step begins: until then
     /// the one before runs, whatever was exchanged already.
-    fn answer_then(&mut self, letter: &'m mut Letter<'m>) {
+    fn answer_then(&mut self, command: &'m mut Command<'m>) {
         if WARM {
-            self.answered = Some(letter);
+            self.answered = Some(command);
         } else {
             self.tell_health();
-            self.send(letter);
+            self.send(command);
         }
     }
 
     pub(super) fn send_answered(&mut self) {
-        if WARM && let Some(letter) = self.answered.take() {
+        if WARM && let Some(command) = self.answered.take() {
             self.tell_health();
-            self.send(letter);
+            self.send(command);
         }
     }
 
     /// Gives a buffer back that no mission is in any more, with the memory that goes with it.
-    pub(super) fn free(&mut self, ended: Resting<'m>, fell_back: Option<FallBack>) {
+    pub(super) fn free(&mut self, ended: StoppedMission<'m>, fell_back: Option<FallBack>) {
         let freed = Freed {
             blob: ended.mission.into_bytes(),
             spare: ended.spare,

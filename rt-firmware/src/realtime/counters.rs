@@ -1,22 +1,22 @@
-//! What is counted of occurrences: delays, executions, overruns, and those that were missed; and
+//! What is counted of activations: delays, executions, overruns, and those that were missed; and
 //! how much of it leads to the safe state.
 
 use core::sync::atomic::Ordering::Relaxed;
 
 use super::RealTime;
-use super::occurrence::Occurrence;
+use super::activation::Activation;
 use super::slots::nanoseconds;
 use crate::board::Board;
 use esm_link::black_box::Event;
 use esm_link::message::{Mode, SafeReason};
-use esm_link::trace::TraceRecord;
+use esm_link::trace::TraceEvent;
 
 /// How much may go wrong before the robot goes to its safe state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Occurrences of one slot, one after another, that take longer than its duration.
+    /// Activations of one slot, one after another, that take longer than its duration.
     pub overruns_in_a_row: u16,
-    /// Occurrences of one slot, one after another, that do not start within their period.
+    /// Activations of one slot, one after another, that do not start within their period.
     pub missed_in_a_row: u32,
 }
 
@@ -30,7 +30,7 @@ impl Default for Limits {
 }
 
 impl RealTime<'_, '_> {
-    /// Counts how late an occurrence began. One that was no later than another of its slot need
+    /// Counts how late an activation began. One that was no later than another of its slot need
     /// not be.
     pub(super) fn count_delay<B: Board>(&mut self, delay_ticks: u32) {
         if delay_ticks > self.max_delay_ticks {
@@ -106,36 +106,36 @@ impl RealTime<'_, '_> {
     /// Counts time that others had none of: what the link may take is a part of the rest.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn count_time(&self, took_ticks: u32) {
-        let slots_ticks = &self.signs.slots_ticks;
+        let slots_ticks = &self.heartbeats.slots_ticks;
         // Only this side counts it, so load and store suffice.
         slots_ticks.store(slots_ticks.load(Relaxed).wrapping_add(took_ticks), Relaxed);
     }
 
-    pub(super) fn count_missed(
+    pub(super) fn count_deadline_misses(
         &mut self,
         board: &mut impl Board,
-        occurrence: &Occurrence,
+        activation: &Activation,
         missed: u32,
     ) {
-        self.note_missed(occurrence.slot, missed);
+        self.note_deadline_misses(activation.slot, missed);
         if missed > self.limits.missed_in_a_row && self.mode == Mode::Running {
-            self.fail_safe(board, SafeReason::Missed);
+            self.fail_safe(board, SafeReason::DeadlineMiss);
         }
     }
 
     // Not inlined: no task should run on top of what a trace record needs of the stack.
     #[inline(never)]
-    pub(super) fn note_missed(&mut self, slot: usize, missed: u32) {
+    pub(super) fn note_deadline_misses(&mut self, slot: usize, missed: u32) {
         if missed == 0 {
             return;
         }
         self.health.missed = self.health.missed.saturating_add(missed);
         self.executor.inputs().missed = self.health.missed;
-        self.note(Event::Missed {
+        self.note(Event::DeadlineMiss {
             slot: u8::try_from(slot).unwrap_or(u8::MAX),
             count: missed,
         });
-        self.trace.record(TraceRecord::Missed {
+        self.trace.record(TraceEvent::DeadlineMiss {
             slot: slot as u16,
             count: missed,
         });

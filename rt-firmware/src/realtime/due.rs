@@ -1,34 +1,34 @@
-//! What is due, but was not looked up before: occurrences of the interpreter's slot and those that
+//! What is due, but was not looked up before: activations of the interpreter's slot and those that
 //! are late, missions that take over, and what is to be done while there is none.
 //!
-//! *Invariant:* each round of the loop takes an occurrence from the dispatcher, exchanges missions,
+//! *Invariant:* each round of the loop takes an activation from the dispatcher, exchanges missions,
 //! or is the last. So it ends when nothing is due.
 
 use core::sync::atomic::Ordering;
 
+use super::activation::Activation;
 use super::change::lead_ticks;
 use super::mission::Origin;
-use super::occurrence::Occurrence;
 use super::{IDLE_POLL_US, RealTime};
 use crate::board::{Board, microseconds, ticks};
 use crate::features::{PARAMS, WARM};
 use esm_link::message::Mode;
 
 impl RealTime<'_, '_> {
-    /// Executes what else is due, and returns when to be called again. A letter from the link waits
-    /// until the slot is done that the interrupt was for, unless that is the interpreter's.
+    /// Executes what else is due, and returns when to be called again. A command from the link
+    /// waits until the slot is done that the interrupt was for, unless that is the interpreter's.
     #[inline(never)]
-    pub(super) fn go_on<B: Board>(&mut self, board: &mut B, letter_waits: bool) -> u64 {
+    pub(super) fn go_on<B: Board>(&mut self, board: &mut B, command_waits: bool) -> u64 {
         let began_ticks = board.now_low_ticks();
         self.forget_next();
-        // Before a letter, which may be older.
+        // Before a command, which may be older.
         self.look_for_stops(board);
-        if !letter_waits {
-            self.take_letter(board);
+        if !command_waits {
+            self.take_command(board);
         }
         let mut at_ticks = self.execute_due(board);
-        if letter_waits {
-            self.take_letter(board);
+        if command_waits {
+            self.take_command(board);
             if WARM && self.waiting.is_some() {
                 at_ticks = self.execute_due(board);
             }
@@ -42,7 +42,7 @@ impl RealTime<'_, '_> {
             }
         }
         self.count_time(board.now_low_ticks().wrapping_sub(began_ticks));
-        self.signs.settle_slots(B::TICKS_PER_US);
+        self.heartbeats.settle_slots(B::TICKS_PER_US);
         at_ticks
     }
 
@@ -74,7 +74,8 @@ impl RealTime<'_, '_> {
             {
                 let is_asked = self.changes_mission::<B>(at(next.start_us));
                 let lead_ticks = lead_ticks::<B>();
-                let is_coming = is_asked || self.signs.mission_is_coming.load(Ordering::Relaxed);
+                let is_coming =
+                    is_asked || self.heartbeats.mission_is_coming.load(Ordering::Relaxed);
                 if is_coming && wait_ticks > lead_ticks {
                     self.feed_watchdog(board, now);
                     return now + poll_ticks.min(wait_ticks - lead_ticks);
@@ -106,14 +107,14 @@ impl RealTime<'_, '_> {
             let interpreter = taken.slot == interpreter_slot;
             if PARAMS
                 && interpreter
-                && let Some(letter) = self.waiting.take_if(|letter| letter.sets_param())
+                && let Some(command) = self.waiting.take_if(|command| command.sets_param())
             {
-                self.set_param(letter);
-                self.send(letter);
+                self.set_param(command);
+                self.send(command);
             }
             let start = at(taken.start_us);
             if interpreter && self.changes_mission::<B>(start) {
-                self.note_missed(taken.slot, missed);
+                self.note_deadline_misses(taken.slot, missed);
                 self.give_up_before(taken.start_us);
                 self.change_mission(start);
                 continue;
@@ -121,10 +122,10 @@ impl RealTime<'_, '_> {
             let Some(mission) = &mut self.mission else {
                 continue;
             };
-            let occurrence = Occurrence {
+            let activation = Activation {
                 slot: taken.slot,
                 start_us: taken.start_us,
-                number: mission.occurrences,
+                number: mission.activations,
                 interpreter,
             };
             if interpreter && missed > 0 {
@@ -133,8 +134,8 @@ impl RealTime<'_, '_> {
                 self.record.skipped(missed);
                 self.trace.write_next_in_full();
             }
-            self.count_missed(board, &occurrence, missed);
-            self.execute(board, &occurrence, now, start.ticks);
+            self.count_deadline_misses(board, &activation, missed);
+            self.execute(board, &activation, now, start.ticks);
         }
     }
 
@@ -152,7 +153,7 @@ impl RealTime<'_, '_> {
             }
         }
         self.send_answered();
-        self.take_job_back(None);
+        self.take_run_back(None);
         self.feed_watchdog(board, now);
         if self.mode == Mode::EmergencyStopped {
             self.hold_still(board);
@@ -163,7 +164,7 @@ impl RealTime<'_, '_> {
     }
 
     /// Counts as missed what the old mission still owes when the interpreter comes so late that the
-    /// new one starts first: occurrences whose nominal start is before this time.
+    /// new one starts first: activations whose nominal start is before this time.
     #[inline(never)]
     fn give_up_before(&mut self, start_us: u64) {
         // A slot that is taken goes on at or after `start_us`, so that each of them is taken once
@@ -176,7 +177,7 @@ impl RealTime<'_, '_> {
             }
             let skipped = self.dispatcher.missed(owed).wrapping_sub(before);
             // It was handed out, but is not executed.
-            self.note_missed(owed, skipped.saturating_add(1));
+            self.note_deadline_misses(owed, skipped.saturating_add(1));
         }
     }
 }

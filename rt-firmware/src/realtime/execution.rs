@@ -7,19 +7,19 @@ use esm_core::{BlobBuffer, Interpreter};
 use super::RealTime;
 use super::mission::Mission;
 use super::params::LiveParams;
-use super::tasks::{Activation, NO_GROUP, NONE, TaskTable};
+use super::tasks::{NO_GROUP, NONE, TaskActivity, TaskTable};
 use crate::board::Board;
-use crate::ports::{FlagChanges, Inputs, Said};
+use crate::ports::{FlagChanges, Inputs, StepOutput};
 use crate::task::{MAX_PARAMS, Step};
 use esm_link::black_box::Event;
-use esm_link::trace::TraceRecord;
+use esm_link::trace::TraceEvent;
 
 /// Flags of a task's block that are no control flags: exit, timeout, busy.
 const TASK_CONTROL_FLAGS: u16 = esm_core::format::TASK_CONTROL_FLAGS as u16;
 
 impl RealTime<'_, '_> {
     /// Executes the enabled tasks of a slot, from the one on that was
-    /// [prepared](Self::prepare_task), in an occurrence that [began](crate::Executor::begin) at
+    /// [prepared](Self::prepare_task), in an activation that [began](crate::Executor::begin) at
     /// `began_ticks`.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn execute_tasks<B: Board>(
@@ -81,7 +81,7 @@ impl RealTime<'_, '_> {
         if count > 0 {
             find_params(interpreter, &self.params, &record.places, count, inputs);
         }
-        let enter = record.activation == Activation::Fresh;
+        let enter = record.activity == TaskActivity::Fresh;
         self.executor.prepare(&mut record.binding, enter)
     }
 
@@ -111,7 +111,7 @@ impl RealTime<'_, '_> {
             record.is_busy = false;
             interpreter.set_busy_at(&record.places, false);
         }
-        record.activation = Activation::UnderWay;
+        record.activity = TaskActivity::UnderWay;
         if let Some(said) = self.executor.end_step(&record.binding) {
             apply_flags(interpreter, &record.places, said.flags);
             self.take_over(instance, said);
@@ -128,7 +128,7 @@ impl RealTime<'_, '_> {
 
     /// Takes over what a task said beside its flags.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn take_over(&mut self, instance: u16, said: Said) {
+    fn take_over(&mut self, instance: u16, said: StepOutput) {
         if let Some(allowed) = said.allowed_overruns {
             self.supervisor = Some((instance, u16::try_from(allowed).unwrap_or(u16::MAX)));
         }
@@ -157,7 +157,7 @@ impl RealTime<'_, '_> {
                 took_us: u16::try_from(took_us).unwrap_or(u16::MAX),
             },
         );
-        self.trace.record(TraceRecord::Overrun {
+        self.trace.record(TraceEvent::Overrun {
             task_instance: instance,
             took_us,
         });

@@ -29,8 +29,8 @@ impl RealTime<'_, '_> {
         self.health.executed = self
             .mission
             .as_ref()
-            .map_or(0, |mission| mission.occurrences as u32);
-        self.health.background_busy = self.executor.lent().is_some();
+            .map_or(0, |mission| mission.activations as u32);
+        self.health.background_busy = self.executor.checked_out().is_some();
         self.health.changed_params = self.params.len();
         let saved = self
             .health
@@ -52,13 +52,13 @@ impl RealTime<'_, '_> {
         self.snapshot.write(&self.health);
     }
 
-    /// Writes into the flight recorder.
+    /// Writes into the black box.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn note(&self, event: Event) {
         self.note_at(self.previous_end_us, event);
     }
 
-    /// Writes into the flight recorder what happened at this robot time.
+    /// Writes into the black box what happened at this robot time.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn note_at(&self, robot_us: u64, event: Event) {
         if let Some(kept) = self.kept {

@@ -4,16 +4,16 @@
 //! *Invariant:* a mission that starts was checked, so that there is room for all that it has.
 
 use esm_core::tables::Tables;
-use esm_core::{BlobBuffer, Interpreter, Pairing};
+use esm_core::{BlobBuffer, Interpreter, StateMapping};
 
-use super::occurrence::Occurrence;
+use super::activation::Activation;
 use super::params::LiveParams;
-use super::upcoming::{Lists, Prepared, Resting, Room};
+use super::staging::{Lists, MissionMemory, Prepared, StoppedMission};
 use super::{RealTime, params, tasks};
 use crate::features::WARM;
 use esm_link::black_box::Event;
 use esm_link::message::Mode;
-use esm_link::trace::TraceRecord;
+use esm_link::trace::TraceEvent;
 
 /// The mission that runs.
 pub(super) struct Mission<'m> {
@@ -25,8 +25,8 @@ pub(super) struct Mission<'m> {
     /// What the time of its tasks was then: 0, or what it was in the mission that it took over
     /// from.
     tasks_us: u64,
-    /// Occurrences of all slots so far.
-    pub(super) occurrences: u64,
+    /// Activations of all slots so far.
+    pub(super) activations: u64,
     /// Number of the next macro step.
     pub(super) next_step: u64,
     /// Nominal start of the last macro step, on the robot's clock; of the first one, before that.
@@ -46,11 +46,11 @@ impl Mission<'_> {
         self.origin.us + start_us
     }
 
-    /// The macro step, on the robot's clock, that notes the end of a slot-0 run that is taken back
-    /// in this occurrence: its own, or else the next one.
-    pub(super) fn noting_step_us(&self, occurrence: &Occurrence) -> u64 {
-        let robot_us = self.robot_us(occurrence.start_us);
-        if occurrence.interpreter {
+    /// The macro step, on the robot's clock, that notes the end of a background run that is taken
+    /// back in this activation: its own, or else the next one.
+    pub(super) fn noting_step_us(&self, activation: &Activation) -> u64 {
+        let robot_us = self.robot_us(activation.start_us);
+        if activation.interpreter {
             return robot_us;
         }
         let period_us = interpreter_period_us(&self.interpreter.tables());
@@ -91,8 +91,8 @@ impl<'m> RealTime<'_, 'm> {
         prepared: Prepared<'m>,
         running: Option<(Origin, u32)>,
         at: Origin,
-        common: Option<&Pairing<'_>>,
-    ) -> (u16, Option<Resting<'m>>) {
+        common: Option<&StateMapping<'_>>,
+    ) -> (u16, Option<StoppedMission<'m>>) {
         self.running = None;
         self.supervisor = None;
         self.failure = None;
@@ -122,20 +122,20 @@ impl<'m> RealTime<'_, 'm> {
         // Where there is memory for one mission, the one before has ended.
         let before = if WARM { self.mission.take() } else { None };
         if WARM {
-            self.executor.begin_carry();
-            if let (Some(before), Some(pairing)) = (&before, common) {
-                carried = interpreter.take_over(&before.interpreter, pairing).regions;
+            self.executor.begin_migration();
+            if let (Some(before), Some(mapping)) = (&before, common) {
+                carried = interpreter.take_over(&before.interpreter, mapping).regions;
                 tasks_us = before.t_us(at.us.saturating_sub(before.origin.us));
                 let registry = self.executor.registry();
                 self.tasks
-                    .go_on(old.tasks, pairing.tasks(), registry, |task| {
+                    .go_on(old.tasks, mapping.tasks(), registry, |task| {
                         interpreter.is_enabled(task)
                     });
-                for (net, other) in pairing.nets() {
-                    self.executor.carry_net(net, other);
+                for (net, other) in mapping.nets() {
+                    self.executor.migrate_net(net, other);
                 }
             }
-            self.executor.end_carry(tasks::left_behind(old.tasks));
+            self.executor.end_migration(tasks::left_behind(old.tasks));
         }
         let tables = interpreter.tables();
         let longest = tables.slots().map(|slot| slot.period_us).max();
@@ -152,7 +152,7 @@ impl<'m> RealTime<'_, 'm> {
         let interpreter_slot = tables.interpreter_slot();
         self.note(Event::Mission { hash: mission });
         self.trace.write_next_in_full();
-        self.trace.record(TraceRecord::Started {
+        self.trace.record(TraceEvent::Started {
             mission,
             start_us: at.us,
         });
@@ -163,7 +163,7 @@ impl<'m> RealTime<'_, 'm> {
             origin,
             began_us,
             tasks_us,
-            occurrences: 0,
+            activations: 0,
             next_step: 0,
             step_us: at.us,
             interpreter_slot,
@@ -175,15 +175,15 @@ impl<'m> RealTime<'_, 'm> {
     #[inline(never)]
     pub(super) fn start_again(
         &mut self,
-        Resting { mission, spare }: Resting<'m>,
+        StoppedMission { mission, spare }: StoppedMission<'m>,
         running: Option<(Origin, u32)>,
         at: Origin,
     ) {
         // A mission that has ended has left a room.
-        let prepared = self.own.take(spare).and_then(|room| match WARM {
-            true => Prepared::again(mission, room),
+        let prepared = self.own.take(spare).and_then(|memory| match WARM {
+            true => Prepared::again(mission, memory),
             // The room was another's.
-            false => Prepared::new(mission, room, self.executor.registry()),
+            false => Prepared::new(mission, memory, self.executor.registry()),
         });
         debug_assert!(prepared.is_some());
         if let Some(prepared) = prepared {
@@ -194,11 +194,11 @@ impl<'m> RealTime<'_, 'm> {
     /// Takes the mission away, if there is one. What is left are its tables and memory.
     // Not inlined: no other mission should be made on top of this one.
     #[inline(never)]
-    pub(super) fn end_mission(&mut self) -> Option<Resting<'m>> {
+    pub(super) fn end_mission(&mut self) -> Option<StoppedMission<'m>> {
         let mission = self.mission.take()?;
         let lists = self.tasks.begin(Lists::default());
-        self.executor.begin_carry();
-        self.executor.end_carry(tasks::left_behind(lists.tasks));
+        self.executor.begin_migration();
+        self.executor.end_migration(tasks::left_behind(lists.tasks));
         Some(self.rest(mission, lists))
     }
 
@@ -209,10 +209,10 @@ impl<'m> RealTime<'_, 'm> {
     }
 
     /// Takes a mission apart that has ended.
-    fn rest(&mut self, mission: Mission<'m>, lists: Lists<'m>) -> Resting<'m> {
+    fn rest(&mut self, mission: Mission<'m>, lists: Lists<'m>) -> StoppedMission<'m> {
         let (mission, arena) = mission.interpreter.into_parts();
-        let spare = self.own.keep(Room { arena, lists });
-        Resting { mission, spare }
+        let spare = self.own.keep(MissionMemory { arena, lists });
+        StoppedMission { mission, spare }
     }
 }
 

@@ -1,14 +1,14 @@
 //! The real-time side: owned by the slot timer's interrupt, it executes what is due and says when
 //! it wants to be called again.
 //!
-//! What it does stands in modules of its own. The timer's interrupt enters at `occurrence`, which
-//! has looked up the next one, as a rule; `due` finds what else is due. An `occurrence` is a macro
+//! What it does stands in modules of its own. The timer's interrupt enters at `activation`, which
+//! has looked up the next one, as a rule; `due` finds what else is due. An `activation` is a macro
 //! step, where the slot is the interpreter's, the `execution` of the slot's enabled tasks, in the
-//! order of the instance tree, and the `jobs` in slot 0, which are taken back and started;
-//! `counters` says what was counted of it, and when that is too much. A `mission` starts and ends;
-//! `change` is when another one takes over, or the same one starts anew, and `trial` how the robot
-//! goes back to the one before. `letters` are what the link wants, and `answers` what it asks.
-//! `safe_state` is motors off. `health` is what the others see of all this, and `signs_of_life`
+//! order of the instance tree, and the `background_runs` in slot 0, which are taken back and
+//! started; `counters` says what was counted of it, and when that is too much. A `mission` starts
+//! and ends; `change` is when another one takes over, or the same one starts anew, and `trial` how
+//! the robot goes back to the one before. `commands` are what the link wants, and `answers` what it
+//! asks. `safe_state` is motors off. `health` is what the others see of all this, and `heartbeats`
 //! what the watchdog is fed for.
 //!
 //! *Invariant:* nothing here waits or locks.
@@ -18,45 +18,45 @@
 //! the motors are switched off before each exchange with the body besides, whoever else may have
 //! written them.
 
+mod activation;
 mod answers;
+mod background_runs;
 mod change;
+mod commands;
 mod counters;
 mod due;
 mod execution;
 mod health;
-mod jobs;
-mod letters;
+mod heartbeats;
 mod mission;
-mod occurrence;
 pub mod params;
 mod safe_state;
-mod signs_of_life;
 pub(crate) mod slots;
+pub(crate) mod staging;
 pub(crate) mod tasks;
 pub(crate) mod trace;
 mod trial;
-pub(crate) mod upcoming;
 
 pub use counters::Limits;
 
 use esm_core::dispatcher::SlotQueue;
 use heapless::spsc::{Consumer, Producer};
 
-use crate::kept::Kept;
-use crate::mail::{Freed, Letter, NO_DEADLINE, Posted};
-use crate::ports::{Executor, Job};
+use crate::mailbox::{Command, Freed, NO_DEADLINE, Posted};
+use crate::ports::{BackgroundRun, Executor};
 use crate::recorder::Recorder;
+use crate::retained_ram::RetainedRam;
 use crate::status::{Health, SnapshotWriter};
-use crate::supervision::{Signs, Supervision};
+use crate::supervision::{Heartbeats, Supervision};
 use crate::telemetry::Sampler;
+use activation::Next;
 use esm_link::message::{Mode, SafeReason};
 use mission::Mission;
-use occurrence::Next;
 use params::{LiveParams, SavedParams};
+use staging::OwnMemory;
 use tasks::TaskTable;
 use trace::Trace;
 use trial::Trial;
-use upcoming::OwnRoom;
 
 /// How long the real-time side leaves the link without an answer, and the watchdog without food,
 /// when no slot is due.
@@ -70,28 +70,28 @@ pub struct RealTime<'q, 'm> {
     /// on the stack.
     dispatcher: &'m mut SlotQueue,
     /// Memory for the next mission, where the link has none.
-    own: OwnRoom<'m>,
+    own: OwnMemory<'m>,
     tasks: TaskTable<'m>,
     mode: Mode,
     limits: Limits,
     /// The task instance that has said how many overruns in a row are allowed while it is enabled,
     /// and how many.
     supervisor: Option<(u16, u16)>,
-    /// Where a job is put to be passed around, while none is.
-    job: Option<&'m mut Option<Job<'m>>>,
-    /// The task instance of the job that is under way, if it belongs to this mission.
+    /// Where a background run is put to be passed around, while none is.
+    background_run: Option<&'m mut Option<BackgroundRun<'m>>>,
+    /// The task instance of the background run that is under way, if it belongs to this mission.
     running: Option<u16>,
-    to_background: Producer<'q, &'m mut Option<Job<'m>>>,
-    from_background: Consumer<'q, &'m mut Option<Job<'m>>>,
+    to_background: Producer<'q, &'m mut Option<BackgroundRun<'m>>>,
+    from_background: Consumer<'q, &'m mut Option<BackgroundRun<'m>>>,
     from_link: Consumer<'q, Posted<'m>>,
-    to_link: Producer<'q, &'m mut Letter<'m>>,
+    to_link: Producer<'q, &'m mut Command<'m>>,
     /// Buffers that no mission is in any more.
     freed: Producer<'q, Freed<'m>>,
     /// A swap, a start, a fall-back or another value of a parameter, to be done at the
-    /// interpreter's next occurrence.
-    waiting: Option<&'m mut Letter<'m>>,
+    /// interpreter's next activation.
+    waiting: Option<&'m mut Command<'m>>,
     /// What is answered when the new mission begins.
-    answered: Option<&'m mut Letter<'m>>,
+    answered: Option<&'m mut Command<'m>>,
     /// When it is too late for what waits, on the board's clock in microseconds.
     waiting_by_us: u64,
     /// When it came, in ticks.
@@ -101,21 +101,21 @@ pub struct RealTime<'q, 'm> {
     saved: SavedParams,
     trial: Option<Trial<'m>>,
     trace: Trace<'m>,
-    kept: Option<&'m Kept>,
-    signs: &'m Signs,
+    kept: Option<&'m RetainedRam>,
+    heartbeats: &'m Heartbeats,
     supervision: Supervision,
     /// Wishes that the robot stops, as many as were looked at.
     stops: u32,
     /// Requests that had come when that was looked at last, and robot time when another one had.
     requests: u32,
     heard_us: u64,
-    /// What a slot-0 run that has ended found wrong.
+    /// What a background run that has ended found wrong.
     failure: Option<SafeReason>,
     record: Recorder<'m>,
     sampler: Sampler<'m>,
     snapshot: SnapshotWriter<'m>,
     health: Health,
-    /// Nominal end of the last occurrence, since the first macro step of the first mission.
+    /// Nominal end of the last activation, since the first macro step of the first mission.
     previous_end_us: u64,
     /// Longest start delay since the mission started.
     max_delay_ticks: u32,
@@ -128,18 +128,18 @@ pub struct RealTime<'q, 'm> {
 pub(crate) struct Parts<'q, 'm> {
     pub(crate) executor: Executor<'m>,
     pub(crate) dispatcher: &'m mut SlotQueue,
-    pub(crate) own: OwnRoom<'m>,
+    pub(crate) own: OwnMemory<'m>,
     pub(crate) tasks: TaskTable<'m>,
     pub(crate) limits: Limits,
-    pub(crate) job: &'m mut Option<Job<'m>>,
-    pub(crate) to_background: Producer<'q, &'m mut Option<Job<'m>>>,
-    pub(crate) from_background: Consumer<'q, &'m mut Option<Job<'m>>>,
+    pub(crate) background_run: &'m mut Option<BackgroundRun<'m>>,
+    pub(crate) to_background: Producer<'q, &'m mut Option<BackgroundRun<'m>>>,
+    pub(crate) from_background: Consumer<'q, &'m mut Option<BackgroundRun<'m>>>,
     pub(crate) from_link: Consumer<'q, Posted<'m>>,
-    pub(crate) to_link: Producer<'q, &'m mut Letter<'m>>,
+    pub(crate) to_link: Producer<'q, &'m mut Command<'m>>,
     pub(crate) freed: Producer<'q, Freed<'m>>,
     pub(crate) trace: Trace<'m>,
-    pub(crate) kept: Option<&'m Kept>,
-    pub(crate) signs: &'m Signs,
+    pub(crate) kept: Option<&'m RetainedRam>,
+    pub(crate) heartbeats: &'m Heartbeats,
     pub(crate) record: Recorder<'m>,
     pub(crate) sampler: Sampler<'m>,
     pub(crate) snapshot: SnapshotWriter<'m>,
@@ -156,7 +156,7 @@ impl<'q, 'm> RealTime<'q, 'm> {
             mode: Mode::Empty,
             limits: parts.limits,
             supervisor: None,
-            job: Some(parts.job),
+            background_run: Some(parts.background_run),
             running: None,
             to_background: parts.to_background,
             from_background: parts.from_background,
@@ -172,7 +172,7 @@ impl<'q, 'm> RealTime<'q, 'm> {
             trial: None,
             trace: parts.trace,
             kept: parts.kept,
-            signs: parts.signs,
+            heartbeats: parts.heartbeats,
             supervision: Supervision::new(),
             stops: 0,
             requests: 0,

@@ -122,7 +122,7 @@ impl SavedParams {
 
     /// Takes the place of these values. Part by part: where whole ones might overlap, a library
     /// routine would copy them, which takes a kilobyte and a half of flash.
-    pub(crate) fn become_those(&mut self, others: &SavedParams) {
+    pub(crate) fn assign(&mut self, others: &SavedParams) {
         self.mission = others.mission;
         let (values, others) = (&mut self.values, &others.values);
         values.params.copy_from_slice(&others.params);

@@ -9,13 +9,13 @@ use core::sync::atomic::Ordering;
 use super::RealTime;
 use super::trial::is_the_missions_fault;
 use crate::board::Board;
-use crate::mail::Letter;
+use crate::mailbox::Command;
 use esm_link::black_box::Event;
 use esm_link::message::{LinkError, Mode, SafeReason};
-use esm_link::trace::{EMERGENCY, TraceRecord};
+use esm_link::trace::{EMERGENCY, TraceEvent};
 
 impl RealTime<'_, '_> {
-    /// Puts the robot into its safe state: for what a board finds out outside of occurrences.
+    /// Puts the robot into its safe state: for what a board finds out outside of activations.
     pub fn fail_safe(&mut self, board: &mut impl Board, reason: SafeReason) {
         self.forget_next();
         if !self.mode.is_latched() {
@@ -27,7 +27,7 @@ impl RealTime<'_, '_> {
         {
             trial.failed.get_or_insert(reason);
         }
-        self.trace.record(TraceRecord::MotorsOff {
+        self.trace.record(TraceEvent::MotorsOff {
             reason: Some(reason.number()),
         });
         board.motors_off();
@@ -41,26 +41,26 @@ impl RealTime<'_, '_> {
         self.mode = mode;
         self.note(Event::Mode(mode));
         let reason = (mode == Mode::EmergencyStopped).then_some(EMERGENCY);
-        self.trace.record(TraceRecord::MotorsOff { reason });
+        self.trace.record(TraceEvent::MotorsOff { reason });
         board.motors_off();
     }
 
     /// Whether somebody wants the robot to stop who was not heard yet.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn is_stop_wanted<B: Board>(&self, board: &mut B) -> bool {
-        self.signs.stops.is_called() || board.is_emergency_stop_pressed()
+        self.heartbeats.stops.is_called() || board.is_emergency_stop_pressed()
     }
 
     /// Stops the robot if somebody wants that: by its button, or by the link's line. To be called
     /// before each exchange with the body.
     #[inline(never)]
     pub(super) fn look_for_stops<B: Board>(&mut self, board: &mut B) {
-        let is_called = self.signs.stops.is_called();
+        let is_called = self.heartbeats.stops.is_called();
         if is_called {
-            self.signs.stops.take_call();
+            self.heartbeats.stops.take_call();
         }
         if self.mode != Mode::EmergencyStopped
-            && (self.signs.is_emergency_stopped() || is_stop_pressed(board))
+            && (self.heartbeats.is_emergency_stopped() || is_stop_pressed(board))
         {
             self.stop_for_emergency(board);
         }
@@ -75,8 +75,8 @@ impl RealTime<'_, '_> {
     #[inline(never)]
     fn stop_as_wished<B: Board>(&mut self, board: &mut B) {
         // What is read first is answered: a wish that comes after it is counted in the next round.
-        let read = self.signs.stops.count_read();
-        let wishes = self.signs.stops.count();
+        let read = self.heartbeats.stops.count_read();
+        let wishes = self.heartbeats.stops.count();
         if wishes != self.stops {
             self.stops = wishes;
             if self.mode.is_latched() {
@@ -88,19 +88,19 @@ impl RealTime<'_, '_> {
             self.refuse_start();
             self.tell_health();
         }
-        self.signs.stops.set_done(read);
+        self.heartbeats.stops.set_done(read);
     }
 
     /// A start that is under way does not come through.
     fn refuse_start(&mut self) {
-        if let Some(letter) = (self.waiting).take_if(|letter| matches!(letter, Letter::Start)) {
-            *letter = Letter::Failed(LinkError::StopCame);
-            self.send(letter);
+        if let Some(command) = (self.waiting).take_if(|command| matches!(command, Command::Start)) {
+            *command = Command::Failed(LinkError::StopCame);
+            self.send(command);
         }
-        if let Some(letter) = &mut self.answered
-            && let Letter::Started = **letter
+        if let Some(command) = &mut self.answered
+            && let Command::Started = **command
         {
-            **letter = Letter::Failed(LinkError::StopCame);
+            **command = Command::Failed(LinkError::StopCame);
         }
     }
 
@@ -108,11 +108,13 @@ impl RealTime<'_, '_> {
     #[cold]
     #[inline(never)]
     pub(super) fn stop_for_emergency<B: Board>(&mut self, board: &mut B) {
-        if !self.signs.emergency_stop.load(Ordering::Relaxed) {
+        if !self.heartbeats.emergency_stop.load(Ordering::Relaxed) {
             // It was the button: what was sent before does not end this.
-            self.signs.release.store(false, Ordering::Relaxed);
+            self.heartbeats.release.store(false, Ordering::Relaxed);
         }
-        self.signs.emergency_stop.store(true, Ordering::Relaxed);
+        self.heartbeats
+            .emergency_stop
+            .store(true, Ordering::Relaxed);
         if let Some(kept) = self.kept {
             kept.set_emergency_stop(true);
         }
@@ -126,10 +128,12 @@ impl RealTime<'_, '_> {
     pub(super) fn hold_still<B: Board>(&mut self, board: &mut B) {
         board.motors_off();
         let is_pressed = is_stop_pressed(board);
-        self.signs.stop_pressed.store(is_pressed, Ordering::Relaxed);
+        self.heartbeats
+            .stop_pressed
+            .store(is_pressed, Ordering::Relaxed);
         if is_pressed {
             // What was sent before does not end this.
-            self.signs.release.store(false, Ordering::Relaxed);
+            self.heartbeats.release.store(false, Ordering::Relaxed);
         }
     }
 }

@@ -115,7 +115,7 @@ impl SlotEntry {
         core::mem::replace(&mut self.first_task, instance)
     }
 
-    /// Overruns since the last occurrence without one.
+    /// Overruns since the last activation without one.
     pub(crate) fn overruns_in_a_row(&self) -> u16 {
         self.overruns_in_a_row
     }

@@ -4,7 +4,7 @@
 use esm_core::tables::{Tables, TaskPlaces};
 
 use super::slots::SlotEntry;
-use super::upcoming::Lists;
+use super::staging::Lists;
 use crate::ports::{Binding, Registry, TaskPlace};
 
 /// Stands for no task instance.
@@ -32,14 +32,14 @@ pub struct TaskEntry {
     overruns: u16,
     place: TaskPlace,
     pub(super) group: u8,
-    pub(super) activation: Activation,
+    pub(super) activity: TaskActivity,
     /// Its busy flag may be set.
     pub(super) is_busy: bool,
 }
 
 /// Whether a task is enabled, and how far it has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Activation {
+pub(super) enum TaskActivity {
     /// It is not enabled.
     Off,
     /// Entered, and not executed since.
@@ -70,7 +70,7 @@ impl TaskEntry {
             place: 0,
         },
         group: NO_GROUP,
-        activation: Activation::Off,
+        activity: TaskActivity::Off,
         is_busy: false,
     };
 
@@ -107,9 +107,9 @@ pub(crate) struct TaskTable<'m> {
     pub(crate) lists: Lists<'m>,
     pub(super) groups: &'m mut [Group],
     next_order: u32,
-    /// Whether something has changed since slot-0 tasks were looked at, so that one may start that
-    /// could not.
-    look_for_jobs: bool,
+    /// Whether something has changed since background tasks were looked at, so that one may start
+    /// that could not.
+    look_for_runs: bool,
 }
 
 /// Makes the lists of a mission that was [checked](crate::check), before its first macro step:
@@ -165,7 +165,7 @@ pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut L
 fn first_enabled(entries: &[TaskEntry], first: u16) -> u16 {
     let mut instance = first;
     while let Some(entry) = entries.get(usize::from(instance))
-        && entry.activation == Activation::Off
+        && entry.activity == TaskActivity::Off
     {
         instance = entry.next_in_slot;
     }
@@ -175,7 +175,7 @@ fn first_enabled(entries: &[TaskEntry], first: u16) -> u16 {
 /// Makes the lists of a mission that ran with them what they were before its first macro step.
 pub(crate) fn prepare_again(lists: &mut Lists<'_>) {
     for entry in lists.tasks.iter_mut() {
-        entry.activation = Activation::Off;
+        entry.activity = TaskActivity::Off;
         entry.overruns = 0;
         entry.is_busy = false;
     }
@@ -189,7 +189,7 @@ pub(crate) fn prepare_again(lists: &mut Lists<'_>) {
 pub(crate) fn left_behind(entries: &[TaskEntry]) -> impl Iterator<Item = TaskPlace> {
     entries
         .iter()
-        .filter(|entry| entry.place.bank != NO_BANK && entry.activation != Activation::GoneOn)
+        .filter(|entry| entry.place.bank != NO_BANK && entry.activity != TaskActivity::GoneOn)
         .map(|entry| entry.place)
 }
 
@@ -221,14 +221,14 @@ impl<'m> TaskTable<'m> {
             lists: Lists::default(),
             groups,
             next_order: 0,
-            look_for_jobs: true,
+            look_for_runs: true,
         }
     }
 
     /// A mission takes over, with these lists. Answers those of the one before.
     pub(crate) fn begin(&mut self, lists: Lists<'m>) -> Lists<'m> {
         self.groups.fill(Group::FREE);
-        self.look_for_jobs = true;
+        self.look_for_runs = true;
         core::mem::replace(&mut self.lists, lists)
     }
 
@@ -260,23 +260,23 @@ impl<'m> TaskTable<'m> {
             else {
                 continue;
             };
-            let was = core::mem::replace(&mut old.activation, Activation::GoneOn);
-            let is_new = was == Activation::Off;
+            let was = core::mem::replace(&mut old.activity, TaskActivity::GoneOn);
+            let is_new = was == TaskActivity::Off;
             entry.place = old.place;
             // Flags were taken over, too.
             entry.is_busy = true;
             entry.order = if is_new { now } else { old.order };
-            entry.activation = match is_enabled(instance) {
-                false => Activation::Off,
-                true if is_new => Activation::Fresh,
+            entry.activity = match is_enabled(instance) {
+                false => TaskActivity::Off,
+                true if is_new => TaskActivity::Fresh,
                 true => was,
             };
-            let (activation, group, age) =
-                (entry.activation, entry.group, now.wrapping_sub(entry.order));
+            let (activity, group, age) =
+                (entry.activity, entry.group, now.wrapping_sub(entry.order));
             let group = self.groups.get(usize::from(group));
             let is_oldest =
                 group.is_some_and(|group| group.holder == NONE || self.age(group.holder) < age);
-            if activation != Activation::Off && is_oldest {
+            if activity != TaskActivity::Off && is_oldest {
                 self.hold_group(instance as u16);
             }
         }
@@ -286,9 +286,9 @@ impl<'m> TaskTable<'m> {
         let mut next = self.lists.first_in_slot_0;
         while let Some(instance) = next {
             if let Some(entry) = self.lists.tasks.get_mut(usize::from(instance))
-                && entry.activation == Activation::UnderWay
+                && entry.activity == TaskActivity::UnderWay
             {
-                entry.activation = Activation::Fresh;
+                entry.activity = TaskActivity::Fresh;
             }
             next = self.next_in_slot(instance);
         }
@@ -353,33 +353,33 @@ impl<'m> TaskTable<'m> {
         self.lists.first_in_slot_0
     }
 
-    /// Whether it is worth while to look for a slot-0 task that can be started.
-    pub(crate) fn look_for_jobs(&self) -> bool {
-        self.look_for_jobs
+    /// Whether it is worth while to look for a background task that can be started.
+    pub(crate) fn look_for_runs(&self) -> bool {
+        self.look_for_runs
     }
 
-    /// All slot-0 tasks were looked at: nothing changes for them until one of these tasks is
+    /// All background tasks were looked at: nothing changes for them until one of these tasks is
     /// enabled or disabled, or somebody [says so](Self::look_again).
     pub(crate) fn looked(&mut self) {
-        self.look_for_jobs = false;
+        self.look_for_runs = false;
     }
 
-    /// A slot-0 task that could not be started may be able to.
+    /// A background task that could not be started may be able to.
     pub(crate) fn look_again(&mut self) {
-        self.look_for_jobs = true;
+        self.look_for_runs = true;
     }
 
     /// The task's state was entered.
     pub(crate) fn enable(&mut self, instance: u16) {
-        self.look_for_jobs = true;
+        self.look_for_runs = true;
         let order = self.next_order;
         let Some(entry) = self.lists.tasks.get_mut(usize::from(instance)) else {
             return;
         };
         let slot = entry.slot;
-        let before = core::mem::replace(&mut entry.activation, Activation::Fresh);
-        if before != Activation::Off {
-            // A slot-0 run goes on under the next activation: enabled it has been all the time.
+        let before = core::mem::replace(&mut entry.activity, TaskActivity::Fresh);
+        if before != TaskActivity::Off {
+            // A background run goes on under the next activation: enabled it has been all the time.
             return;
         }
         entry.order = order;
@@ -394,11 +394,11 @@ impl<'m> TaskTable<'m> {
 
     /// The task is enabled no more.
     pub(crate) fn disable(&mut self, instance: u16) {
-        self.look_for_jobs = true;
+        self.look_for_runs = true;
         let Some(entry) = self.lists.tasks.get_mut(usize::from(instance)) else {
             return;
         };
-        entry.activation = Activation::Off;
+        entry.activity = TaskActivity::Off;
         let (group, slot) = (entry.group, entry.slot);
         self.look_at_slot(slot);
         let Some(held) = self
@@ -414,15 +414,15 @@ impl<'m> TaskTable<'m> {
             .tasks
             .iter()
             .zip(0u16..)
-            .filter(|(entry, _)| entry.activation != Activation::Off && entry.group == group)
+            .filter(|(entry, _)| entry.activity != TaskActivity::Off && entry.group == group)
             .max_by_key(|(entry, _)| now.wrapping_sub(entry.order))
             .map_or(NONE, |(_, instance)| instance);
     }
 
-    /// The run of a slot-0 task ended, and its next activation waits behind those that wait
+    /// The run of a background task ended, and its next activation waits behind those that wait
     /// already.
     pub(crate) fn requeue(&mut self, instance: u16) {
-        self.look_for_jobs = true;
+        self.look_for_runs = true;
         if let Some(entry) = self.lists.tasks.get_mut(usize::from(instance)) {
             entry.order = self.next_order;
             self.next_order = self.next_order.wrapping_add(1);
@@ -439,15 +439,15 @@ impl<'m> TaskTable<'m> {
 
     /// Whether the task was entered and not executed since.
     pub(crate) fn is_fresh(&self, instance: u16) -> bool {
-        self.entry(instance).activation == Activation::Fresh
+        self.entry(instance).activity == TaskActivity::Fresh
     }
 
-    /// The run of a slot-0 task begins.
+    /// The run of a background task begins.
     pub(crate) fn executed(&mut self, instance: u16) {
         if let Some(entry) = self.lists.tasks.get_mut(usize::from(instance))
-            && entry.activation == Activation::Fresh
+            && entry.activity == TaskActivity::Fresh
         {
-            entry.activation = Activation::UnderWay;
+            entry.activity = TaskActivity::UnderWay;
         }
     }
 

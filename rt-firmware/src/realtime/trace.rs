@@ -10,7 +10,7 @@ use super::tasks::TaskTable;
 use crate::black_box::BlackBox;
 use crate::ring::RingWriter;
 use esm_link::black_box::Event;
-use esm_link::trace::{FaultCode, TraceRecord, write_step};
+use esm_link::trace::{FaultCode, TraceEvent, write_step};
 
 /// Room that transitions and steps leave to records that come seldom and must not be lost: a
 /// machine that goes wild fills the ring with transitions before its fault is known.
@@ -41,9 +41,9 @@ impl<'m> Trace<'m> {
     }
 
     /// Writes a record.
-    pub(crate) fn record(&mut self, record: TraceRecord<'_>) {
+    pub(crate) fn record(&mut self, record: TraceEvent<'_>) {
         let reserve = match record {
-            TraceRecord::Transition { .. } | TraceRecord::Same { .. } => RESERVED_BYTES,
+            TraceEvent::Transition { .. } | TraceEvent::Same { .. } => RESERVED_BYTES,
             _ => 0,
         };
         let wanted = self.wanted.load(Ordering::Relaxed);
@@ -59,7 +59,7 @@ impl<'m> Trace<'m> {
         interpreter: &Interpreter<'_, B>,
     ) {
         if !self.stale && !summary.changed {
-            self.record(TraceRecord::Same {
+            self.record(TraceEvent::Same {
                 micro_steps: summary.micro_steps,
             });
             return;
@@ -85,7 +85,7 @@ impl<'m> Trace<'m> {
             Fault::EventQueueOverflow => FaultCode::EventQueueOverflow,
             Fault::MacroStepLimit => FaultCode::MacroStepLimit,
         };
-        self.record(TraceRecord::Fault { step, code });
+        self.record(TraceEvent::Fault { step, code });
     }
 }
 
@@ -120,7 +120,7 @@ impl<F: Fn(usize) -> usize> Iterator for ActiveStates<'_, F> {
 }
 
 /// Watches a macro step: keeps the task table up to date and writes transitions, to the trace and
-/// the flight recorder.
+/// the black box.
 pub(crate) struct StepObserver<'o, 'm> {
     pub(crate) tasks: &'o mut TaskTable<'m>,
     pub(crate) trace: &'o mut Trace<'m>,
@@ -140,7 +140,7 @@ impl Observer for StepObserver<'_, '_> {
                 },
             );
         }
-        self.trace.record(TraceRecord::Transition {
+        self.trace.record(TraceEvent::Transition {
             micro: taken.micro,
             region_instance: taken.region_instance,
             transition: taken.transition,

@@ -3,20 +3,20 @@
 
 use super::RealTime;
 use super::mission::Origin;
-use super::upcoming::Resting;
+use super::staging::StoppedMission;
 use esm_link::message::{Mode, SafeReason};
-use esm_link::trace::TraceRecord;
+use esm_link::trace::TraceEvent;
 use esm_link::trial::{FallBack, FallBackReason};
 
 /// What is known of the mission that runs while it is on trial.
 pub(super) struct Trial<'m> {
     /// The mission before, to fall back to.
-    pub(super) before: Option<Resting<'m>>,
+    pub(super) before: Option<StoppedMission<'m>>,
     /// Why the robot was in its safe state then, if it was.
     pub(super) safe: Option<SafeReason>,
     /// When it ends, in microseconds since the first macro step of the first mission.
     pub(super) until_us: u64,
-    /// Why it has failed: the robot falls back at the interpreter's next occurrence.
+    /// Why it has failed: the robot falls back at the interpreter's next activation.
     pub(super) failed: Option<SafeReason>,
 }
 
@@ -60,7 +60,7 @@ impl<'m> RealTime<'_, 'm> {
             mission: failed.mission.hash(),
             reason,
         };
-        self.trace.record(TraceRecord::FellBack {
+        self.trace.record(TraceEvent::FellBack {
             mission: fell_back.mission,
             reason: reason.number(),
         });
@@ -81,7 +81,7 @@ impl<'m> RealTime<'_, 'm> {
     /// Starts a mission that ran before, or goes without one.
     fn go_back_to(
         &mut self,
-        before: Option<Resting<'m>>,
+        before: Option<StoppedMission<'m>>,
         running: Option<(Origin, u32)>,
         at: Origin,
     ) {
@@ -101,6 +101,6 @@ pub(super) fn is_the_missions_fault(reason: SafeReason) -> bool {
         SafeReason::EventQueueOverflow
             | SafeReason::MacroStepLimit
             | SafeReason::Overruns
-            | SafeReason::Missed
+            | SafeReason::DeadlineMiss
     )
 }

@@ -11,7 +11,7 @@ use esm_core::Interpreter;
 use crate::ring::{Part, RecordRing, RingReader, RingWriter};
 use esm_link::message::LinkError;
 use esm_link::recording::{
-    MAX_QUIET, STATE_HEAD_BYTES, STATE_WORD_BYTES, write_changes, write_quiet, write_skipped,
+    MAX_QUIET, STATE_HEADER_BYTES, STATE_WORD_BYTES, write_changes, write_quiet, write_skipped,
     write_started, write_state,
 };
 
@@ -240,7 +240,7 @@ impl Recorder<'_> {
         let words = interpreter.state_words();
         if !self
             .ring
-            .has_room(STATE_HEAD_BYTES + STATE_WORD_BYTES * words.len())
+            .has_room(STATE_HEADER_BYTES + STATE_WORD_BYTES * words.len())
         {
             return false;
         }

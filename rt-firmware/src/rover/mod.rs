@@ -33,7 +33,7 @@ use crate::body::{
 use crate::drivers::{
     AnalogIn, BatteryGauge, DcMotor, EchoTimer, EncoderCounter, LineArray, WheelEncoder,
 };
-use crate::ports::Bank;
+use crate::ports::TaskPool;
 use crate::registry;
 use crate::tasks::{
     Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowWall, LineSensor,
@@ -271,32 +271,32 @@ where
     /// The robot with these tasks, and those that own no hardware.
     pub fn from_tasks(hardware: HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A>) -> Self {
         Self {
-            sonar_ring: Bank::new([hardware.sonar_ring]),
-            odometry: Bank::new([hardware.odometry]),
-            wheel_speed: Bank::new([hardware.wheel_speed]),
-            battery_monitor: Bank::new([hardware.battery_monitor]),
-            proximity_monitor: Bank::new([ProximityMonitor]),
-            cruise: Bank::new(array::from_fn(|_| Cruise)),
-            back: Bank::new(array::from_fn(|_| Back::default())),
-            turn: Bank::new(array::from_fn(|_| Turn::default())),
+            sonar_ring: TaskPool::new([hardware.sonar_ring]),
+            odometry: TaskPool::new([hardware.odometry]),
+            wheel_speed: TaskPool::new([hardware.wheel_speed]),
+            battery_monitor: TaskPool::new([hardware.battery_monitor]),
+            proximity_monitor: TaskPool::new([ProximityMonitor]),
+            cruise: TaskPool::new(array::from_fn(|_| Cruise)),
+            back: TaskPool::new(array::from_fn(|_| Back::default())),
+            turn: TaskPool::new(array::from_fn(|_| Turn::default())),
             #[cfg(feature = "all-tasks")]
-            drive_distance: Bank::new(array::from_fn(|_| DriveDistance::default())),
+            drive_distance: TaskPool::new(array::from_fn(|_| DriveDistance::default())),
             #[cfg(feature = "all-tasks")]
-            count: Bank::new(array::from_fn(|_| Count::default())),
-            follow_wall: Bank::new([FollowWall]),
-            round_corner: Bank::new([RoundCorner]),
-            stop: Bank::new(array::from_fn(|_| Stop)),
-            logger: Bank::new([Logger]),
+            count: TaskPool::new(array::from_fn(|_| Count::default())),
+            follow_wall: TaskPool::new([FollowWall]),
+            round_corner: TaskPool::new([RoundCorner]),
+            stop: TaskPool::new(array::from_fn(|_| Stop)),
+            logger: TaskPool::new([Logger]),
             #[cfg(feature = "all-tasks")]
-            line_sensor: Bank::new([hardware.line_sensor]),
+            line_sensor: TaskPool::new([hardware.line_sensor]),
             #[cfg(feature = "all-tasks")]
-            line_monitor: Bank::new(array::from_fn(|_| LineMonitor)),
+            line_monitor: TaskPool::new(array::from_fn(|_| LineMonitor)),
             #[cfg(feature = "all-tasks")]
-            follow_line: Bank::new(array::from_fn(|_| FollowLine)),
+            follow_line: TaskPool::new(array::from_fn(|_| FollowLine)),
             #[cfg(feature = "all-tasks")]
-            slot_monitor: Bank::new([SlotMonitor::default()]),
-            link_monitor: Bank::new([LinkMonitor::default()]),
-            battery_guard: Bank::new([BatteryGuard::default()]),
+            slot_monitor: TaskPool::new([SlotMonitor::default()]),
+            link_monitor: TaskPool::new([LinkMonitor::default()]),
+            battery_guard: TaskPool::new([BatteryGuard::default()]),
         }
     }
 }

@@ -24,28 +24,28 @@ use std::vec::Vec;
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
+use super::flash_store::{FlashStore, RECORD_BYTES, bank_bytes, flash_bytes};
 use super::journal::COPY_BYTES;
-use super::keep::{Keep, RECORD_BYTES, flash_bytes, slot_bytes};
-use super::layout::{BLANK, BLOCK_BYTES, HEAD_BYTES, HEADED, NOTE, SEALED, TRIED};
-use crate::link::trial::MissionKeeper;
+use super::layout::{BLANK, BLOCK_BYTES, HEADER_BYTES, HEADER_WRITTEN, NOTE, SEALED, TRIED};
+use crate::link::trial::MissionStore;
 use crate::realtime::params::SavedParams;
-use esm_link::key_store::{KEY_RECORD_BYTES, KeyRecord};
-use esm_link::message::{RecordsState, WayIn};
+use esm_link::key_store::{STORED_KEY_BYTES, StoredKey};
+use esm_link::message::{KeyValuesState, WayIn};
 
 type Broken = String;
 
 const BLOB_BYTES: u32 = 512;
 const ERASE: usize = 1024;
 /// Where areas and journal are.
-const FIRST: usize = 2 * slot_bytes(BLOB_BYTES, ERASE as u32) as usize;
-const AREA: usize = slot_bytes(RECORD_BYTES as u32, ERASE as u32) as usize;
+const FIRST: usize = 2 * bank_bytes(BLOB_BYTES, ERASE as u32) as usize;
+const AREA: usize = bank_bytes(RECORD_BYTES as u32, ERASE as u32) as usize;
 const JOURNAL: usize = FIRST + 2 * AREA;
 const END: usize = flash_bytes(BLOB_BYTES, ERASE as u32) as usize;
 /// Pairs of copies in a half of the journal.
 const PAIRS: usize = ERASE / (2 * COPY_BYTES);
 
-const OLD_KEY: [u8; KEY_RECORD_BYTES] = [0x33; KEY_RECORD_BYTES];
-const KEY: [u8; KEY_RECORD_BYTES] = [0xC5; KEY_RECORD_BYTES];
+const OLD_KEY: [u8; STORED_KEY_BYTES] = [0x33; STORED_KEY_BYTES];
+const KEY: [u8; STORED_KEY_BYTES] = [0xC5; STORED_KEY_BYTES];
 
 /// A flash that does what it is told.
 #[derive(Clone)]
@@ -96,9 +96,9 @@ impl NorFlash for Chip {
     }
 }
 
-fn with_keep<T>(chip: &Chip, act: impl FnOnce(&mut Keep<'_, Chip>) -> T) -> T {
+fn with_store<T>(chip: &Chip, act: impl FnOnce(&mut FlashStore<'_, Chip>) -> T) -> T {
     let mut room = [0; RECORD_BYTES];
-    let mut keep = Keep::open(chip.clone(), BLOB_BYTES, None, &mut room).unwrap();
+    let mut keep = FlashStore::open(chip.clone(), BLOB_BYTES, None, &mut room).unwrap();
     act(&mut keep)
 }
 
@@ -106,9 +106,9 @@ fn with_keep<T>(chip: &Chip, act: impl FnOnce(&mut Keep<'_, Chip>) -> T) -> T {
 /// were kept `more` times.
 fn owned_and_stopped(more: u32) -> Chip {
     let chip = Chip::of(&vec![0xFF; END]);
-    with_keep(&chip, |keep| {
-        keep.write_of_key(KeyRecord::Key, &OLD_KEY).unwrap();
-        keep.write_of_key(KeyRecord::Key, &KEY).unwrap();
+    with_store(&chip, |keep| {
+        keep.write_of_key(StoredKey::Key, &OLD_KEY).unwrap();
+        keep.write_of_key(StoredKey::Key, &KEY).unwrap();
         keep.set_emergency_stop(true).unwrap();
         for number in 0..more {
             let saved = SavedParams::from_bytes(&[number as u8, 0, 0, 1, 7, 0, 1, 2, 3, 4]);
@@ -121,7 +121,7 @@ fn owned_and_stopped(more: u32) -> Chip {
 /// A robot that has a key, and of which nothing else was ever kept.
 fn young() -> Chip {
     let chip = Chip::of(&vec![0xFF; END]);
-    with_keep(&chip, |keep| keep.write_of_key(KeyRecord::Key, &KEY)).unwrap();
+    with_store(&chip, |keep| keep.write_of_key(StoredKey::Key, &KEY)).unwrap();
     chip
 }
 
@@ -130,21 +130,21 @@ fn young() -> Chip {
 struct Found {
     is_locked: bool,
     is_stopped: bool,
-    state: RecordsState,
+    state: KeyValuesState,
     flaws: u16,
     remembered: Option<Vec<u8>>,
 }
 
 impl Found {
     fn is_told(&self) -> bool {
-        self.flaws > 0 || !matches!(self.state, RecordsState::New | RecordsState::Whole)
+        self.flaws > 0 || !matches!(self.state, KeyValuesState::New | KeyValuesState::Whole)
     }
 }
 
 fn start(cells: &[u8]) -> Found {
-    with_keep(&Chip::of(cells), |keep| {
+    with_store(&Chip::of(cells), |keep| {
         let mut room = [0; 64];
-        let key = keep.read_of_key(KeyRecord::Key, &mut room);
+        let key = keep.read_of_key(StoredKey::Key, &mut room);
         let is_locked = match key {
             Ok(len) => room[..len] == KEY,
             Err(_) => true,
@@ -172,7 +172,7 @@ fn judge_any(cells: &[u8], was_stopped: bool, what: &dyn Fn() -> String) -> Resu
     let found = start(cells);
     let is_damaged = matches!(
         found.state,
-        RecordsState::Unreadable(_) | RecordsState::Older(_)
+        KeyValuesState::Unreadable(_) | KeyValuesState::Older(_)
     );
     let is_kept_out = found.remembered.as_ref().is_none_or(|key| key[..] == KEY);
     let is_stopped = found.is_stopped || !(is_damaged || was_stopped);
@@ -244,7 +244,7 @@ impl Size {
 /// Within a place: no change of up to four bits makes a whole header or copy of one, nor a word of
 /// another.
 fn no_pattern_of_four_bits_makes_a_place_count() -> Result<(), Broken> {
-    let words = [BLANK, HEADED, SEALED, TRIED, NOTE];
+    let words = [BLANK, HEADER_WRITTEN, SEALED, TRIED, NOTE];
     for (at, word) in words.iter().enumerate() {
         for other in &words[at + 1..] {
             let bits = word.iter().zip(other).map(|(a, b)| (a ^ b).count_ones());
@@ -259,7 +259,7 @@ fn no_pattern_of_four_bits_makes_a_place_count() -> Result<(), Broken> {
     // A checksum is linear: what it makes of a change is the sum of what it makes of each bit. So
     // all sums of up to four must differ from nothing.
     let cells = owned_and_stopped(2).cells();
-    let header = &cells[FIRST + HEAD_BYTES as usize - BLOCK_BYTES..][..BLOCK_BYTES];
+    let header = &cells[FIRST + HEADER_BYTES as usize - BLOCK_BYTES..][..BLOCK_BYTES];
     let copy = &cells[JOURNAL..][..COPY_BYTES];
     for place in [header, copy] {
         let (body, _) = place.split_at(place.len() - 4);
@@ -293,7 +293,7 @@ fn places(cells: &[u8]) -> Vec<(usize, usize)> {
     let mut places = vec![];
     for area in [FIRST, FIRST + AREA] {
         // All of the head, and of the payload what is written and one block that is not.
-        let payload = area + HEAD_BYTES as usize;
+        let payload = area + HEADER_BYTES as usize;
         let written = (payload..area + AREA)
             .step_by(BLOCK_BYTES)
             .take_while(|at| cells[*at..*at + BLOCK_BYTES] != BLANK);
@@ -360,7 +360,7 @@ fn flipped(size: Size) -> Result<(), Broken> {
         for entry in (0..4 * PAIRS).step_by(2) {
             let copies = places.len() - 4 * PAIRS;
             hit(&[copies + entry, copies + entry + 1], &mut random)?;
-            let header = HEAD_BYTES as usize / BLOCK_BYTES - 1;
+            let header = HEADER_BYTES as usize / BLOCK_BYTES - 1;
             let second = (copies) / 2;
             hit(&[0, header, second, second + header], &mut random)?;
             // The header of each, and both copies; the tables, and both copies.
@@ -387,14 +387,14 @@ fn put_back() -> Result<(), Broken> {
     // How the robot was before it had this key, when it had no key, and when it was not stopped.
     let chip = Chip::of(&vec![0xFF; END]);
     let mut past = vec![];
-    with_keep(&chip, |keep| {
+    with_store(&chip, |keep| {
         past.push(chip.cells());
         keep.save_params(&SavedParams::from_bytes(&[1, 0, 0, 1, 7, 0, 1, 2, 3, 4]))
             .unwrap();
         past.push(chip.cells());
-        keep.write_of_key(KeyRecord::Key, &OLD_KEY).unwrap();
+        keep.write_of_key(StoredKey::Key, &OLD_KEY).unwrap();
         past.push(chip.cells());
-        keep.write_of_key(KeyRecord::Key, &KEY).unwrap();
+        keep.write_of_key(StoredKey::Key, &KEY).unwrap();
         past.push(chip.cells());
         keep.set_emergency_stop(true).unwrap();
         keep.set_emergency_stop(false).unwrap();
@@ -434,7 +434,7 @@ fn put_back() -> Result<(), Broken> {
                 })?;
             }
         }
-        with_keep(&chip, |keep| {
+        with_store(&chip, |keep| {
             let saved = SavedParams::from_bytes(&[more, 0, 0, 1, 7, 0, 1, 2, 3, 4]);
             keep.save_params(&saved).unwrap();
         });
@@ -482,10 +482,10 @@ fn in_by_the_key() -> Result<(), Broken> {
     for more in 0..12 {
         let mut cells = owned_and_stopped(more).cells();
         for area in [FIRST, FIRST + AREA] {
-            cells[area + HEAD_BYTES as usize + 3] ^= 1;
+            cells[area + HEADER_BYTES as usize + 3] ^= 1;
         }
         let found = start(&cells);
-        let is_known = found.state == RecordsState::Unreadable(WayIn::Key)
+        let is_known = found.state == KeyValuesState::Unreadable(WayIn::Key)
             && found.remembered.as_deref() == Some(&KEY);
         if !is_known {
             return Err(format!(
@@ -500,22 +500,22 @@ fn in_by_the_key() -> Result<(), Broken> {
             unsure[half + (2 * (entry % PAIRS) + copy) * COPY_BYTES + 40] ^= 4;
         }
         let found = start(&unsure);
-        if found.state != RecordsState::Unreadable(WayIn::Erase) || found.remembered.is_some() {
+        if found.state != KeyValuesState::Unreadable(WayIn::Erase) || found.remembered.is_some() {
             return Err(format!(
                 "an earlier key is remembered after {more} more: {found:x?}"
             ));
         }
         let chip = Chip::of(&cells);
-        with_keep(&chip, |keep| keep.renew(&KEY)).map_err(|error| format!("{error:?}"))?;
+        with_store(&chip, |keep| keep.renew(&KEY)).map_err(|error| format!("{error:?}"))?;
         let found = start(&chip.cells());
         let is_renewed = found.is_locked
             && found.is_stopped
-            && found.state == RecordsState::Whole
+            && found.state == KeyValuesState::Whole
             && found.remembered.is_some();
         if !is_renewed {
             return Err(format!("renewed after {more} more: {found:x?}"));
         }
-        let released = with_keep(&chip, |keep| {
+        let released = with_store(&chip, |keep| {
             keep.set_emergency_stop(false)?;
             Ok(keep.is_emergency_stopped())
         });
@@ -531,12 +531,12 @@ fn in_by_the_key() -> Result<(), Broken> {
     }
     // One that was sold has no owner.
     let chip = owned_and_stopped(1);
-    with_keep(&chip, |keep| keep.write_of_key(KeyRecord::Key, &[]))
+    with_store(&chip, |keep| keep.write_of_key(StoredKey::Key, &[]))
         .map_err(|error| format!("{error:?}"))?;
     let mut cells = chip.cells();
     cells[FIRST..JOURNAL].fill(0xFF);
     let found = start(&cells);
-    let is_nobodys = found.state == RecordsState::Unreadable(WayIn::NoKey)
+    let is_nobodys = found.state == KeyValuesState::Unreadable(WayIn::NoKey)
         && found.remembered.as_deref() == Some(&[])
         && found.is_locked
         && found.is_stopped;
@@ -559,11 +559,11 @@ fn new_chips(size: Size) -> Result<(), Broken> {
             cells[bit / 8] &= !(1 << (bit % 8));
         }
         let found = start(&cells);
-        if found.state != RecordsState::New || found.is_stopped || found.flaws == 0 {
+        if found.state != KeyValuesState::New || found.is_stopped || found.flaws == 0 {
             return Err(format!("new chip {number} with worn bits: {found:x?}"));
         }
         let chip = Chip::of(&cells);
-        let kept = with_keep(&chip, |keep| keep.set_emergency_stop(true).is_ok());
+        let kept = with_store(&chip, |keep| keep.set_emergency_stop(true).is_ok());
         // A bit that stays programmed in a header or a word is a flash that does not take it.
         let found = start(&chip.cells());
         if kept && !found.is_stopped {

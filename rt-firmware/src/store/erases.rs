@@ -4,17 +4,19 @@ use std::format;
 use std::string::String;
 
 use super::budget::{Allowance, KEYS, RECORDS, UPLOADS};
-use super::keep::Keep;
-use super::kept_flash::{BLOB_BYTES, ERASE, Flash, WRITE, blank, with_keep, with_keep_over_resets};
+use super::flash_store::FlashStore;
+use super::kept_flash::{
+    BLOB_BYTES, ERASE, Flash, WRITE, blank, with_keep_over_resets, with_store,
+};
 use super::nor::{Chip, Rewrite};
-use crate::kept::Kept as RetainedRam;
-use crate::link::trial::MissionKeeper;
+use crate::link::trial::MissionStore;
 use crate::realtime::params::SavedParams;
-use esm_link::key_store::{KEY_RECORD_BYTES, KeyRecord, WriteError};
+use crate::retained_ram::RetainedRam;
+use esm_link::key_store::{STORED_KEY_BYTES, StoredKey, WriteError};
 use esm_link::message::{LinkError, ResetReason};
 
 type Broken = String;
-type Kept<'a> = Keep<'a, Chip<WRITE, ERASE>>;
+type Store<'a> = FlashStore<'a, Chip<WRITE, ERASE>>;
 
 const SECOND_US: u64 = 1_000_000;
 const HOUR_US: u64 = 3_600 * SECOND_US;
@@ -27,13 +29,13 @@ fn saved(number: u32) -> SavedParams {
     SavedParams::from_bytes(&bytes)
 }
 
-fn chosen(keep: &mut Kept<'_>) {
+fn chosen(keep: &mut Store<'_>) {
     let mut room = [0; BLOB_BYTES as usize];
-    Keep::choose(keep, &mut room, |_| true);
+    FlashStore::choose(keep, &mut room, |_| true);
 }
 
 /// Asks for something, for the time of this number.
-type Attack<'a> = &'a dyn Fn(&mut Kept<'_>, u32);
+type Attack<'a> = &'a dyn Fn(&mut Store<'_>, u32);
 
 const ATTACKS: [(&str, Allowance, Attack<'static>); 4] = [
     ("saves", RECORDS, &|keep, number| {
@@ -43,7 +45,7 @@ const ATTACKS: [(&str, Allowance, Attack<'static>); 4] = [
         let _ = keep.set_emergency_stop(number % 2 == 0);
     }),
     ("keys", KEYS, &|keep, number| {
-        let _ = keep.write_of_key(KeyRecord::Key, &[number as u8; KEY_RECORD_BYTES]);
+        let _ = keep.write_of_key(StoredKey::Key, &[number as u8; STORED_KEY_BYTES]);
     }),
     ("uploads", UPLOADS, &|keep, number| {
         if keep.trial_begins(&number.to_le_bytes()).is_ok() {
@@ -59,7 +61,7 @@ fn nobody_wears_it_out() -> Result<(), Broken> {
         let allowed = budget.burst + HOURS * budget.per_hour;
         let flash = blank(Rewrite::Refuse);
         let before = flash.borrow().erases;
-        let health = with_keep(&flash, None, |keep| {
+        let health = with_store(&flash, None, |keep| {
             chosen(keep);
             for number in 0..HOURS * 3_600 {
                 keep.tick(u64::from(number) * SECOND_US);
@@ -80,7 +82,7 @@ fn nobody_wears_it_out() -> Result<(), Broken> {
             return Err(format!("{what}: {told} erases are told, {seen} were seen"));
         }
         // And the next start knows of them.
-        let again = with_keep(&flash, None, |keep| {
+        let again = with_store(&flash, None, |keep| {
             chosen(keep);
             keep.flash_health()
         });
@@ -150,7 +152,7 @@ fn resets_bring_nothing() -> Result<(), Broken> {
 /// Whatever was used up, the flash knows of a stop when it is asked for.
 fn a_stop_is_kept_always() -> Result<(), Broken> {
     let flash = blank(Rewrite::Refuse);
-    with_keep(&flash, None, |keep| {
+    with_store(&flash, None, |keep| {
         for number in 0..10 * RECORDS.burst {
             let _ = keep.save_params(&saved(number));
         }
@@ -168,7 +170,7 @@ fn a_stop_is_kept_always() -> Result<(), Broken> {
     // Pressed and released, it is kept at each press.
     let flash = blank(Rewrite::Refuse);
     for _ in 0..3 * RECORDS.burst {
-        with_keep(&flash, None, |keep| {
+        with_store(&flash, None, |keep| {
             for _ in 0..RECORDS.burst {
                 let _ = keep.set_emergency_stop(false);
                 if keep.set_emergency_stop(true) != Ok(()) {
@@ -183,7 +185,7 @@ fn a_stop_is_kept_always() -> Result<(), Broken> {
 }
 
 fn is_stopped(flash: &Flash, due: bool) -> Result<(), Broken> {
-    match with_keep(flash, None, |keep| keep.is_emergency_stopped()) {
+    match with_store(flash, None, |keep| keep.is_emergency_stopped()) {
         found if found == due => Ok(()),
         found => Err(format!("after a start: stopped {found}")),
     }
@@ -193,19 +195,19 @@ fn is_stopped(flash: &Flash, due: bool) -> Result<(), Broken> {
 fn a_release_is_kept_later() -> Result<(), Broken> {
     for stops_again in [false, true] {
         let flash = blank(Rewrite::Refuse);
-        let used_up = |keep: &mut Kept<'_>| {
+        let used_up = |keep: &mut Store<'_>| {
             keep.set_emergency_stop(true).unwrap();
             for number in 0..10 * RECORDS.burst {
                 let _ = keep.save_params(&saved(number));
             }
             keep.set_emergency_stop(false)
         };
-        let kept = with_keep(&flash, None, used_up);
-        if kept != Err(LinkError::StopNotKept) {
+        let kept = with_store(&flash, None, used_up);
+        if kept != Err(LinkError::StopNotStored) {
             return Err(format!("{kept:?}"));
         }
         is_stopped(&flash, true)?;
-        with_keep(&flash, None, |keep| {
+        with_store(&flash, None, |keep| {
             let _ = used_up(keep);
             if stops_again {
                 let _ = keep.set_emergency_stop(true);
@@ -228,13 +230,13 @@ fn a_release_is_kept_later() -> Result<(), Broken> {
 /// the time that was told is enough.
 fn ordinary_use_passes() -> Result<(), Broken> {
     let flash = blank(Rewrite::Refuse);
-    with_keep(&flash, None, |keep| {
+    with_store(&flash, None, |keep| {
         chosen(keep);
-        keep.write_of_key(KeyRecord::Key, &[7; KEY_RECORD_BYTES])
+        keep.write_of_key(StoredKey::Key, &[7; STORED_KEY_BYTES])
             .unwrap();
         for number in 0..20_u32 {
             let counter = u64::from(number) + 1;
-            keep.write_of_key(KeyRecord::Counter, &counter.to_le_bytes())
+            keep.write_of_key(StoredKey::Counter, &counter.to_le_bytes())
                 .map_err(|error| format!("{error:?}"))?;
             keep.trial_begins(&number.to_le_bytes())
                 .and_then(|()| keep.trial_confirmed(number))
@@ -244,15 +246,15 @@ fn ordinary_use_passes() -> Result<(), Broken> {
         let mut now_us = 0;
         for number in 0..3_u8 {
             let refused = (0..=KEYS.burst as u8).find_map(|other| {
-                let key = [0x80 | ((KEYS.burst as u8 + 1) * number + other); KEY_RECORD_BYTES];
-                keep.write_of_key(KeyRecord::Key, &key).err()
+                let key = [0x80 | ((KEYS.burst as u8 + 1) * number + other); STORED_KEY_BYTES];
+                keep.write_of_key(StoredKey::Key, &key).err()
             });
             let Some(WriteError::Budget { s }) = refused else {
                 return Err(format!("{refused:?}"));
             };
             now_us += u64::from(s) * SECOND_US;
             keep.tick(now_us);
-            keep.write_of_key(KeyRecord::Key, &[0x40 | number; KEY_RECORD_BYTES])
+            keep.write_of_key(StoredKey::Key, &[0x40 | number; STORED_KEY_BYTES])
                 .map_err(|error| format!("after {s} s: {error:?}"))?;
         }
         Ok(())

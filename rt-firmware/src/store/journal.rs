@@ -1,10 +1,10 @@
 //! The journal of the records: what says that a robot has records although none of them can be
 //! read.
 //!
-//! It lies behind the two areas of the [records](super::records), in erase units of its own, in two
-//! halves. An entry is added each time that records are kept, behind all that were there, and is
-//! never changed. Only when a half is full the other one is erased, never the one with the newest
-//! entry. So from the first record on there is always an entry.
+//! It lies behind the two areas of the [records](super::key_values), in erase units of its own, in
+//! two halves. An entry is added each time that records are kept, behind all that were there, and
+//! is never changed. Only when a half is full the other one is erased, never the one with the
+//! newest entry. So from the first record on there is always an entry.
 //!
 //! # An entry
 //! An entry is there twice, one copy behind the other; the second is begun when the first was read
@@ -33,7 +33,7 @@
 use embedded_storage::nor_flash::NorFlash;
 
 use super::layout::{BLANK, BLOCK_BYTES, is_newer};
-use esm_link::key_store::KEY_RECORD_BYTES;
+use esm_link::key_store::STORED_KEY_BYTES;
 
 /// `esmJ`
 const MAGIC: u32 = 0x4A6D_7365;
@@ -44,7 +44,7 @@ const KEPT: u8 = 0x96;
 const KEY_AT: usize = 16;
 /// Bytes of one copy of an entry.
 pub(super) const COPY_BYTES: usize =
-    (KEY_AT + KEY_RECORD_BYTES + size_of::<u32>()).next_multiple_of(BLOCK_BYTES);
+    (KEY_AT + STORED_KEY_BYTES + size_of::<u32>()).next_multiple_of(BLOCK_BYTES);
 const PAIR_BYTES: u32 = COPIES * COPY_BYTES as u32;
 /// How often an entry is there.
 const COPIES: u32 = 2;
@@ -52,7 +52,7 @@ const COPIES: u32 = 2;
 const HALF_BYTES: u32 = 1024;
 /// Stands for the length of a key that has no room.
 const TOO_LONG: u8 = 0xFF;
-const _: () = assert!(KEY_RECORD_BYTES < TOO_LONG as usize);
+const _: () = assert!(STORED_KEY_BYTES < TOO_LONG as usize);
 
 /// As many zeros in a place that was never written are bits that changed by themselves.
 pub(super) const WORN_BITS: u32 = 8;
@@ -67,13 +67,13 @@ type CopyBytes = [u8; COPY_BYTES];
 /// The key record of an entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct KeyCopy {
-    bytes: [u8; KEY_RECORD_BYTES],
+    bytes: [u8; STORED_KEY_BYTES],
     len: u8,
 }
 
 impl KeyCopy {
     pub(super) const NONE: KeyCopy = KeyCopy {
-        bytes: [0; KEY_RECORD_BYTES],
+        bytes: [0; STORED_KEY_BYTES],
         len: 0,
     };
 
@@ -143,7 +143,7 @@ impl Entry {
             len: rest[1],
             ..KeyCopy::NONE
         };
-        if usize::from(key.len) > KEY_RECORD_BYTES && key.len != TOO_LONG {
+        if usize::from(key.len) > STORED_KEY_BYTES && key.len != TOO_LONG {
             return None;
         }
         for (place, byte) in key.bytes.iter_mut().zip(bytes.iter().skip(KEY_AT)) {

@@ -2,13 +2,13 @@
 
 use embedded_storage::nor_flash::NorFlash;
 
-use esm_link::message::SlotState;
+use esm_link::message::BankState;
 
 /// Bytes of a block, the unit of everything in a slot: one write of the store is one block, and no
 /// block is written twice between two erases. So a flash may program up to this many bytes at once.
 pub const BLOCK_BYTES: usize = 32;
 /// Bytes of a slot before its payload.
-pub const HEAD_BYTES: u32 = 32 * BLOCK_BYTES as u32;
+pub const HEADER_BYTES: u32 = 32 * BLOCK_BYTES as u32;
 /// Blocks of a slot that say that its mission was confirmed, one for each time that it was asked
 /// for and not known for certain.
 pub const CONFIRMATIONS: u32 = 5;
@@ -27,12 +27,12 @@ pub(super) const FIRST_ADVANCE: u32 = CONFIRMATIONS + PROMOTIONS;
 pub(super) const NOTES: u32 = FIRST_ADVANCE + ADVANCES;
 
 /// Offsets in a slot.
-pub(super) const HEADED_AT: u32 = 0;
+pub(super) const HEADER_WRITTEN_AT: u32 = 0;
 pub(super) const SEALED_AT: u32 = BLOCK_BYTES as u32;
 pub(super) const TRIED_AT: u32 = 2 * BLOCK_BYTES as u32;
 pub(super) const NOTES_AT: u32 = 3 * BLOCK_BYTES as u32;
 pub(super) const HEADER_AT: u32 = NOTES_AT + NOTES * BLOCK_BYTES as u32;
-const _: () = assert!(HEADER_AT + BLOCK_BYTES as u32 == HEAD_BYTES);
+const _: () = assert!(HEADER_AT + BLOCK_BYTES as u32 == HEADER_BYTES);
 
 pub(super) type Block = [u8; BLOCK_BYTES];
 
@@ -40,7 +40,7 @@ pub(super) type Block = [u8; BLOCK_BYTES];
 pub(super) const BLANK: Block = [0xFF; BLOCK_BYTES];
 /// State words. They have ones and zeros in every byte, so that neither an erase that was cut
 /// (ones) nor what some flashes program before they erase (zeros) looks like one of them.
-pub(super) const HEADED: Block = [0x69; BLOCK_BYTES];
+pub(super) const HEADER_WRITTEN: Block = [0x69; BLOCK_BYTES];
 pub(super) const SEALED: Block = [0x5A; BLOCK_BYTES];
 pub(super) const TRIED: Block = [0xC3; BLOCK_BYTES];
 /// All notes are alike, and what a note means follows from where it is. So whoever writes to a
@@ -69,28 +69,28 @@ pub(super) fn is_newer(a: u32, b: u32) -> bool {
 
 /// One of the two places for a mission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Slot {
+pub enum FlashBank {
     /// The first.
     A,
     /// The second.
     B,
 }
 
-impl Slot {
+impl FlashBank {
     /// The other one.
     #[must_use]
-    pub const fn other(self) -> Slot {
+    pub const fn other(self) -> FlashBank {
         match self {
-            Slot::A => Slot::B,
-            Slot::B => Slot::A,
+            FlashBank::A => FlashBank::B,
+            FlashBank::B => FlashBank::A,
         }
     }
 
     /// Its part of a pair.
     pub(super) fn of<T>(self, [a, b]: [T; 2]) -> T {
         match self {
-            Slot::A => a,
-            Slot::B => b,
+            FlashBank::A => a,
+            FlashBank::B => b,
         }
     }
 }
@@ -99,7 +99,7 @@ impl Slot {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layout {
     start: u32,
-    slot_bytes: u32,
+    bank_bytes: u32,
 }
 
 /// Why there can be no store in such a place.
@@ -110,7 +110,7 @@ pub enum LayoutError {
         /// What it erases at once.
         erase_bytes: usize,
     },
-    /// A slot has no room for a payload behind its head of [`HEAD_BYTES`].
+    /// A slot has no room for a payload behind its head of [`HEADER_BYTES`].
     SlotTooShort,
     /// The slots end behind the end of the flash.
     BeyondFlash {
@@ -120,35 +120,35 @@ pub enum LayoutError {
 }
 
 impl Layout {
-    /// Two slots of `slot_bytes` each from the byte `start` of the flash on.
+    /// Two slots of `bank_bytes` each from the byte `start` of the flash on.
     #[must_use]
-    pub const fn new(start: u32, slot_bytes: u32) -> Self {
-        Layout { start, slot_bytes }
+    pub const fn new(start: u32, bank_bytes: u32) -> Self {
+        Layout { start, bank_bytes }
     }
 
     /// The longest mission, in bytes.
     #[must_use]
     pub const fn payload_capacity(&self) -> u32 {
-        self.slot_bytes.saturating_sub(HEAD_BYTES)
+        self.bank_bytes.saturating_sub(HEADER_BYTES)
     }
 
     /// Address of a byte of a slot.
-    pub(super) const fn address(&self, slot: Slot, offset: u32) -> u32 {
+    pub(super) const fn address(&self, slot: FlashBank, offset: u32) -> u32 {
         match slot {
-            Slot::A => self.start + offset,
-            Slot::B => self.start + self.slot_bytes + offset,
+            FlashBank::A => self.start + offset,
+            FlashBank::B => self.start + self.bank_bytes + offset,
         }
     }
 
     /// Bytes of a slot.
-    pub(super) const fn slot_bytes(&self) -> u32 {
-        self.slot_bytes
+    pub(super) const fn bank_bytes(&self) -> u32 {
+        self.bank_bytes
     }
 
     /// First byte of a slot, and the first after it.
-    pub(super) const fn bounds(&self, slot: Slot) -> (u32, u32) {
+    pub(super) const fn bounds(&self, slot: FlashBank) -> (u32, u32) {
         let start = self.address(slot, 0);
-        (start, start + self.slot_bytes)
+        (start, start + self.bank_bytes)
     }
 
     /// Looks whether this fits a flash. All addresses are within it then, so that no sum of the
@@ -168,7 +168,7 @@ impl Layout {
                 "the flash erases parts of a block of the store"
             );
         };
-        let (start, len) = (self.start as usize, self.slot_bytes as usize);
+        let (start, len) = (self.start as usize, self.bank_bytes as usize);
         if !start.is_multiple_of(F::ERASE_SIZE) || !len.is_multiple_of(F::ERASE_SIZE) {
             return Err(LayoutError::NotAligned {
                 erase_bytes: F::ERASE_SIZE,
@@ -226,20 +226,20 @@ impl Header {
 
     /// The header in this block, with a payload of at most `capacity` bytes, or what is there
     /// instead.
-    pub(super) fn decode(block: &Block, capacity: u32) -> Result<Self, SlotState> {
+    pub(super) fn decode(block: &Block, capacity: u32) -> Result<Self, BankState> {
         let mut words = [0; WORDS];
         for (word, bytes) in words.iter_mut().zip(block.as_chunks().0) {
             *word = u32::from_le_bytes(*bytes);
         }
         let [magic, format, seq, len, crc, erases, _, own_crc] = words;
         if *block == BLANK {
-            Err(SlotState::Empty)
+            Err(BankState::Empty)
         } else if magic != MAGIC || own_crc != checksum(block) {
-            Err(SlotState::BrokenHeader)
+            Err(BankState::BrokenHeader)
         } else if format != FORMAT {
-            Err(SlotState::OtherFormat)
+            Err(BankState::OtherFormat)
         } else if len == 0 || len > capacity {
-            Err(SlotState::TooLong)
+            Err(BankState::TooLong)
         } else {
             // An earlier firmware left it erased.
             let erases = if erases == u32::MAX { 0 } else { erases };

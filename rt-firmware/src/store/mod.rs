@@ -12,7 +12,7 @@
 //! was checked is what runs, also where the flash would read differently a second time.
 //!
 //! # Layout
-//! The store has `2 * slot_bytes` from `start` on: slot A, then slot B. A slot is blocks of 32
+//! The store has `2 * bank_bytes` from `start` on: bank A, then bank B. A slot is blocks of 32
 //! bytes; all numbers are little-endian:
 //!
 //! | offset | bytes | what |
@@ -27,8 +27,8 @@
 //! | 1024 | length | payload; its last block is filled up with 0xFF |
 //!
 //! Every word is its own block, so that flashes that program up to 32 bytes at once can be used.
-//! What is kept besides missions (saved parameters, the counter of signed uploads) are [`records`],
-//! behind slot B, in two more slots; behind those is their journal.
+//! What is kept besides missions (saved parameters, the counter of signed uploads) are
+//! [`key_values`], behind bank B, in two more slots; behind those is their journal.
 //!
 //! # Torn words
 //! A write that is cut leaves any of its bits programmed, and some of them *weak*: they read like
@@ -76,7 +76,7 @@
 use core::ops::Range;
 
 use embedded_storage::nor_flash::{NorFlash, NorFlashError, NorFlashErrorKind};
-use esm_link::message::SlotState;
+use esm_link::message::BankState;
 
 pub mod budget;
 #[cfg(test)]
@@ -85,10 +85,11 @@ mod damaged;
 mod damages;
 #[cfg(test)]
 mod erases;
+pub mod flash_store;
 mod journal;
-pub mod keep;
 #[cfg(test)]
 mod kept_flash;
+pub mod key_values;
 mod layout;
 #[cfg(test)]
 mod nor;
@@ -96,18 +97,18 @@ mod nor;
 mod own_mission;
 #[cfg(test)]
 mod power_cuts;
-pub mod records;
 #[cfg(test)]
 mod records_power_cuts;
 #[cfg(test)]
 mod saved_params;
 
 pub use layout::{
-    ADVANCES, BLOCK_BYTES, CONFIRMATIONS, HEAD_BYTES, Layout, LayoutError, PROMOTIONS, Slot,
+    ADVANCES, BLOCK_BYTES, CONFIRMATIONS, FlashBank, HEADER_BYTES, Layout, LayoutError, PROMOTIONS,
 };
 use layout::{
-    BLANK, Block, CERTAIN_CONFIRMATIONS, FIRST_ADVANCE, HEADED, HEADED_AT, HEADER_AT, Header, NOTE,
-    NOTES, NOTES_AT, SEALED, SEALED_AT, TRIED, TRIED_AT, UPLOAD_LEAD, is_newer, lead,
+    BLANK, Block, CERTAIN_CONFIRMATIONS, FIRST_ADVANCE, HEADER_AT, HEADER_WRITTEN,
+    HEADER_WRITTEN_AT, Header, NOTE, NOTES, NOTES_AT, SEALED, SEALED_AT, TRIED, TRIED_AT,
+    UPLOAD_LEAD, is_newer, lead,
 };
 
 /// A store of missions on a flash.
@@ -120,7 +121,7 @@ pub struct Store<F> {
     before: Option<Option<Running>>,
     upload: Option<Upload>,
     /// The slot of the upload that has ended and that nobody has tried.
-    ended: Option<Slot>,
+    ended: Option<FlashBank>,
     /// How often a slot was erased, as far as that is known: from the headers, and since the start.
     erases: u32,
     /// Uploads get numbers beyond this one, whatever is in the slots.
@@ -129,7 +130,7 @@ pub struct Store<F> {
 
 #[derive(Clone, Copy)]
 struct Running {
-    slot: Slot,
+    slot: FlashBank,
     on_trial: bool,
     /// It was confirmed since it was chosen. What was read of a confirmation may be a torn one that
     /// reads well today.
@@ -138,7 +139,7 @@ struct Running {
 
 /// A mission that arrives.
 struct Upload {
-    slot: Slot,
+    slot: FlashBank,
     header: Header,
     /// What of the slot is not erased yet.
     to_erase: Range<u32>,
@@ -153,15 +154,15 @@ pub struct Choice {
     /// This one, whose bytes were read into the room; or none, so that the one that is compiled in
     /// is to run.
     pub mission: Option<Mission>,
-    /// Why: what is in slot A and slot B.
-    pub slots: [SlotState; 2],
+    /// Why: what is in bank A and bank B.
+    pub slots: [BankState; 2],
 }
 
 /// A mission that was chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mission {
     /// Where it is.
-    pub slot: Slot,
+    pub slot: FlashBank,
     /// Its sequence number.
     pub seq: u32,
     /// Its length in bytes.
@@ -240,8 +241,8 @@ pub enum ConfirmError {
 }
 
 /// What the state words and the header of a slot say.
-struct Head {
-    header: Result<Header, SlotState>,
+struct BankHeader {
+    header: Result<Header, BankState>,
     /// The writing of the header came to an end.
     is_headed: bool,
     /// The upload did.
@@ -253,7 +254,7 @@ struct Head {
     lead: u32,
 }
 
-impl Head {
+impl BankHeader {
     /// Its place in the order of missions, the newest last.
     fn rank(&self) -> Option<u32> {
         let header = self.header.ok()?;
@@ -278,11 +279,11 @@ impl Head {
 }
 
 /// The later of two places in the order.
-fn newest(ranks: [Option<u32>; 2]) -> Option<Slot> {
+fn newest(ranks: [Option<u32>; 2]) -> Option<FlashBank> {
     match ranks {
-        [Some(a), Some(b)] if is_newer(b, a) => Some(Slot::B),
-        [None, Some(_)] => Some(Slot::B),
-        [Some(_), _] => Some(Slot::A),
+        [Some(a), Some(b)] if is_newer(b, a) => Some(FlashBank::B),
+        [None, Some(_)] => Some(FlashBank::B),
+        [Some(_), _] => Some(FlashBank::A),
         [None, None] => None,
     }
 }
@@ -333,13 +334,13 @@ impl<F: NorFlash> Store<F> {
         self.ended = None;
         self.running = None;
         self.before = None;
-        let [a, b] = [Slot::A, Slot::B].map(|slot| self.head(slot));
+        let [a, b] = [FlashBank::A, FlashBank::B].map(|slot| self.head(slot));
         for header in [a.header, b.header].into_iter().flatten() {
             self.erases = self.erases.max(header.erases);
         }
-        let first = newest([a.sealed_rank(), b.sealed_rank()]).unwrap_or(Slot::A);
+        let first = newest([a.sealed_rank(), b.sealed_rank()]).unwrap_or(FlashBank::A);
         let mut mission = None;
-        let mut slots = [SlotState::Empty; 2];
+        let mut slots = [BankState::Empty; 2];
         for slot in [first, first.other()] {
             let head = slot.of([&a, &b]);
             *slot.of(slots.each_mut()) =
@@ -356,47 +357,47 @@ impl<F: NorFlash> Store<F> {
     /// Chooses the mission of a slot if it may run and none was chosen before.
     fn consider(
         &mut self,
-        slot: Slot,
-        head: &Head,
+        slot: FlashBank,
+        head: &BankHeader,
         is_first: bool,
         chosen: &mut Option<Mission>,
         room: &mut [u8],
         accepts: &mut impl FnMut(&[u8]) -> bool,
-    ) -> SlotState {
+    ) -> BankState {
         let Header { seq, len, crc, .. } = match head.header {
             Ok(header) => header,
             Err(state) => return state,
         };
         let on_trial = head.confirmations == 0;
         if !head.is_sealed {
-            return SlotState::Unsealed;
+            return BankState::Unsealed;
         }
         if on_trial && head.is_tried {
-            return SlotState::TrialFailed;
+            return BankState::TrialFailed;
         }
         // A mission that never ran and is not the newest was given up; parts of it may be erased.
         if on_trial && !is_first {
-            return SlotState::GivenUp;
+            return BankState::GivenUp;
         }
         if chosen.is_some() {
-            return SlotState::Spare;
+            return BankState::Spare;
         }
         let Some(room) = room.get_mut(..len as usize) else {
-            return SlotState::NoRoom { len };
+            return BankState::NoRoom { len };
         };
         match self.payload_crc(slot, len, room) {
-            None => return SlotState::Unreadable,
+            None => return BankState::Unreadable,
             Some(found) if found != crc => {
-                return SlotState::BrokenPayload;
+                return BankState::BrokenPayload;
             }
             Some(_) => {}
         }
         if !accepts(room) {
-            return SlotState::Refused;
+            return BankState::Refused;
         }
         // What is not on record cannot be fallen back from.
         if on_trial && !self.record(slot, TRIED_AT, &TRIED) {
-            return SlotState::TrialNotRecorded;
+            return BankState::TrialNotRecorded;
         }
         *chosen = Some(Mission {
             slot,
@@ -405,9 +406,9 @@ impl<F: NorFlash> Store<F> {
             on_trial,
         });
         if on_trial {
-            SlotState::OnTrial
+            BankState::OnTrial
         } else {
-            SlotState::Runs
+            BankState::Runs
         }
     }
 
@@ -476,7 +477,7 @@ impl<F: NorFlash> Store<F> {
 
     /// The place in the order of what a slot holds, if it was confirmed and reads as it was sealed.
     #[inline(never)]
-    fn whole_rank(&mut self, slot: Slot, head: &Head) -> Option<u32> {
+    fn whole_rank(&mut self, slot: FlashBank, head: &BankHeader) -> Option<u32> {
         let rank = head.confirmed_rank()?;
         let header = head.header.ok()?;
         let crc = self.payload_crc(slot, header.len, &mut [])?;
@@ -544,7 +545,7 @@ impl<F: NorFlash> Store<F> {
         if running.is_some() {
             let _ = self.confirm();
         }
-        let heads = [Slot::A, Slot::B].map(|slot| self.head(slot));
+        let heads = [FlashBank::A, FlashBank::B].map(|slot| self.head(slot));
         let [a, b] = &heads;
         let ranks = [a.rank(), b.rank()];
         let mut newest_rank = newest(ranks).and_then(|slot| slot.of(ranks)).unwrap_or(0);
@@ -557,12 +558,15 @@ impl<F: NorFlash> Store<F> {
             Some(running) => running.slot.other(),
             // Nothing runs. What stays is what was confirmed, the whole before the damaged, or else
             // what is newest for certain.
-            None => newest([self.whole_rank(Slot::A, a), self.whole_rank(Slot::B, b)])
-                .or(newest([a.confirmed_rank(), b.confirmed_rank()]))
-                .or(newest([a.sealed_rank(), b.sealed_rank()]))
-                .or(newest([a.headed_rank(), b.headed_rank()]))
-                .unwrap_or(Slot::B)
-                .other(),
+            None => newest([
+                self.whole_rank(FlashBank::A, a),
+                self.whole_rank(FlashBank::B, b),
+            ])
+            .or(newest([a.confirmed_rank(), b.confirmed_rank()]))
+            .or(newest([a.sealed_rank(), b.sealed_rank()]))
+            .or(newest([a.headed_rank(), b.headed_rank()]))
+            .unwrap_or(FlashBank::B)
+            .other(),
         };
         let (erased, kept) = (slot.of([a, b]), slot.of([b, a]));
         if let Ok(header) = kept.header
@@ -689,7 +693,7 @@ impl<F: NorFlash> Store<F> {
         }
         let words = [
             (HEADER_AT, header.encode()),
-            (HEADED_AT, HEADED),
+            (HEADER_WRITTEN_AT, HEADER_WRITTEN),
             (SEALED_AT, SEALED),
         ];
         for (offset, block) in words {
@@ -713,13 +717,13 @@ impl<F: NorFlash> Store<F> {
 
     /// The slot that the upload which is under way goes to.
     #[must_use]
-    pub fn upload_slot(&self) -> Option<Slot> {
+    pub fn upload_slot(&self) -> Option<FlashBank> {
         Some(self.upload.as_ref()?.slot)
     }
 
     /// The slot of the mission that runs.
     #[must_use]
-    pub fn running_slot(&self) -> Option<Slot> {
+    pub fn running_slot(&self) -> Option<FlashBank> {
         Some(self.running?.slot)
     }
 
@@ -736,7 +740,7 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// The sequence number of what is in a slot.
-    pub(super) fn seq(&mut self, slot: Slot) -> Option<u32> {
+    pub(super) fn seq(&mut self, slot: FlashBank) -> Option<u32> {
         Some(self.head(slot).header.ok()?.seq)
     }
 
@@ -748,8 +752,8 @@ impl<F: NorFlash> Store<F> {
     /// Zeros in both slots: none of a chip that was never written.
     pub(super) fn zeros(&mut self) -> u32 {
         let mut zeros = 0;
-        for slot in [Slot::A, Slot::B] {
-            for offset in (0..self.layout.slot_bytes()).step_by(BLOCK_BYTES) {
+        for slot in [FlashBank::A, FlashBank::B] {
+            for offset in (0..self.layout.bank_bytes()).step_by(BLOCK_BYTES) {
                 let block = self.read_again(slot, offset).unwrap_or([0; BLOCK_BYTES]);
                 zeros += block.iter().map(|byte| byte.count_zeros()).sum::<u32>();
             }
@@ -759,21 +763,21 @@ impl<F: NorFlash> Store<F> {
 
     /// Blocks of a slot that are neither blank nor what is written there: damage, or what a cut has
     /// left.
-    pub(super) fn flaws(&mut self, slot: Slot) -> u32 {
+    pub(super) fn flaws(&mut self, slot: FlashBank) -> u32 {
         let head = self.head(slot);
         let written = head.header.map_or(0, |header| header.len as usize);
         let mut flaws = 0;
-        for offset in (0..self.layout.slot_bytes()).step_by(BLOCK_BYTES) {
+        for offset in (0..self.layout.bank_bytes()).step_by(BLOCK_BYTES) {
             let block = self.read_again(slot, offset);
             let word = match offset {
-                HEADED_AT => Some(HEADED),
+                HEADER_WRITTEN_AT => Some(HEADER_WRITTEN),
                 SEALED_AT => Some(SEALED),
                 TRIED_AT => Some(TRIED),
                 HEADER_AT => block.filter(|_| head.header.is_ok()),
                 _ if offset < HEADER_AT => Some(NOTE),
                 // The payload has a checksum; its last block is filled up with what is blank.
                 _ => {
-                    let of_payload = written.saturating_sub((offset - HEAD_BYTES) as usize);
+                    let of_payload = written.saturating_sub((offset - HEADER_BYTES) as usize);
                     let filling = of_payload.min(BLOCK_BYTES)..BLOCK_BYTES;
                     block.filter(|block| block.get(filling.clone()) == BLANK.get(filling.clone()))
                 }
@@ -792,13 +796,13 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// What a slot says of itself.
-    fn head(&mut self, slot: Slot) -> Head {
+    fn head(&mut self, slot: FlashBank) -> BankHeader {
         let capacity = self.layout.payload_capacity();
         let header = match self.read(slot, HEADER_AT) {
             Some(block) => Header::decode(&block, capacity),
-            None => Err(SlotState::Unreadable),
+            None => Err(BankState::Unreadable),
         };
-        let is_headed = self.read(slot, HEADED_AT) == Some(HEADED);
+        let is_headed = self.read(slot, HEADER_WRITTEN_AT) == Some(HEADER_WRITTEN);
         let is_sealed = self.read(slot, SEALED_AT) == Some(SEALED);
         let is_tried = match self.read(slot, TRIED_AT) {
             // The word is there if any of it is: also where the flash can tell no more than that
@@ -821,7 +825,7 @@ impl<F: NorFlash> Store<F> {
         // Each word says that those before it were there, also where they were torn and read now
         // so, now so.
         let is_sealed = is_sealed || is_tried || confirmations > 0;
-        Head {
+        BankHeader {
             header,
             is_headed: is_headed || is_sealed,
             is_sealed,
@@ -833,7 +837,7 @@ impl<F: NorFlash> Store<F> {
 
     /// Adds one of these notes to a slot, the first that is blank and that the flash takes. Returns
     /// which.
-    fn note(&mut self, slot: Slot, mut notes: Range<u32>) -> Option<u32> {
+    fn note(&mut self, slot: FlashBank, mut notes: Range<u32>) -> Option<u32> {
         notes.find(|note| {
             let is_blank = self.read(slot, note_at(*note)) == Some(BLANK);
             is_blank && self.record(slot, note_at(*note), &NOTE)
@@ -841,13 +845,13 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// Writes a block of a slot's head. Returns whether it is there.
-    fn record(&mut self, slot: Slot, offset: u32, block: &Block) -> bool {
+    fn record(&mut self, slot: FlashBank, offset: u32, block: &Block) -> bool {
         let address = self.layout.address(slot, offset);
         self.flash.write(address, block).is_ok() && self.read(slot, offset) == Some(*block)
     }
 
     /// A block of a slot, if the flash can read it.
-    fn read(&mut self, slot: Slot, offset: u32) -> Option<Block> {
+    fn read(&mut self, slot: FlashBank, offset: u32) -> Option<Block> {
         let mut block = BLANK;
         let address = self.layout.address(slot, offset);
         self.flash.read(address, &mut block).ok()?;
@@ -855,20 +859,20 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// The same; what cannot be read is tried once more.
-    fn read_again(&mut self, slot: Slot, offset: u32) -> Option<Block> {
+    fn read_again(&mut self, slot: FlashBank, offset: u32) -> Option<Block> {
         self.read(slot, offset).or_else(|| self.read(slot, offset))
     }
 
     /// The checksum of the first `len` bytes of a payload, which must be within its slot. What was
     /// read is in `room` afterwards, as far as there is some: so what is checked is what is used,
     /// also where a second reading would give something else.
-    fn payload_crc(&mut self, slot: Slot, len: u32, room: &mut [u8]) -> Option<u32> {
+    fn payload_crc(&mut self, slot: FlashBank, len: u32, room: &mut [u8]) -> Option<u32> {
         const CRC: crc::Crc<u32, crc::NoTable> =
             crc::Crc::<u32, crc::NoTable>::new(&crc::CRC_32_ISO_HDLC);
         let mut digest = CRC.digest();
         let mut places = room.chunks_mut(BLOCK_BYTES);
         for at in (0..len).step_by(BLOCK_BYTES) {
-            let block = self.read(slot, HEAD_BYTES + at)?;
+            let block = self.read(slot, HEADER_BYTES + at)?;
             let part = block.get(..(len - at) as usize).unwrap_or(&block);
             digest.update(part);
             for (place, byte) in places.next().unwrap_or_default().iter_mut().zip(part) {
@@ -889,7 +893,7 @@ impl Upload {
         let block = core::mem::replace(&mut self.block, BLANK);
         let at = self.received.saturating_sub(1) / BLOCK_BYTES as u32 * BLOCK_BYTES as u32;
         flash
-            .write(layout.address(self.slot, HEAD_BYTES + at), &block)
+            .write(layout.address(self.slot, HEADER_BYTES + at), &block)
             .map_err(|error| error.kind())
     }
 }

@@ -232,16 +232,16 @@ struct World<const WRITE: usize, const ERASE: usize> {
 
 impl<const WRITE: usize, const ERASE: usize> World<WRITE, ERASE> {
     /// Slots behind a stretch of flash that is someone else's.
-    fn new(slot_bytes: usize, rewrite: Rewrite) -> Self {
+    fn new(bank_bytes: usize, rewrite: Rewrite) -> Self {
         let geometry = Geometry {
             write: WRITE,
             rewrite,
         };
-        let nor = Nor::new(geometry, ERASE + 2 * slot_bytes);
+        let nor = Nor::new(geometry, ERASE + 2 * bank_bytes);
         World {
             nor: Rc::new(RefCell::new(nor)),
             store: None,
-            layout: Layout::new(ERASE as u32, slot_bytes as u32),
+            layout: Layout::new(ERASE as u32, bank_bytes as u32),
             oracle: Oracle::default(),
             ended: None,
             before: None,
@@ -384,7 +384,7 @@ impl<const WRITE: usize, const ERASE: usize> World<WRITE, ERASE> {
     }
 
     /// From now on nothing may touch this slot but for its notes.
-    fn guard(&self, slot: Option<Slot>) {
+    fn guard(&self, slot: Option<FlashBank>) {
         let guarded = slot.map(|slot| {
             let (from, to) = self.layout.bounds(slot);
             let notes = self.layout.address(slot, NOTES_AT) as usize
@@ -623,19 +623,19 @@ fn says_why(choice: &Choice) -> Result<(), Broken> {
         None => choice.slots.iter().all(|state| {
             !matches!(
                 state,
-                SlotState::Runs | SlotState::OnTrial | SlotState::Spare
+                BankState::Runs | BankState::OnTrial | BankState::Spare
             )
         }),
         Some(chosen) => {
             let expected = if chosen.on_trial {
-                SlotState::OnTrial
+                BankState::OnTrial
             } else {
-                SlotState::Runs
+                BankState::Runs
             };
             chosen.slot.of(choice.slots) == expected
                 && !matches!(
                     chosen.slot.other().of(choice.slots),
-                    SlotState::Runs | SlotState::OnTrial
+                    BankState::Runs | BankState::OnTrial
                 )
         }
     };
@@ -873,21 +873,21 @@ fn small(rewrite: Rewrite) -> Small {
     World::new(2048, rewrite)
 }
 
-/// A mission that was confirmed long ago, with this number, in slot A.
+/// A mission that was confirmed long ago, with this number, in bank A.
 fn with_a_mission_numbered<const WRITE: usize, const ERASE: usize>(
     mut world: World<WRITE, ERASE>,
     seq: u32,
 ) -> World<WRITE, ERASE> {
     let (id, bytes) = (world.next, mission(world.next));
     world.next += 1;
-    put_mission(&world, Slot::A, seq, &bytes, bytes.len() as u32);
+    put_mission(&world, FlashBank::A, seq, &bytes, bytes.len() as u32);
     world.oracle.base = Some(id);
     world
 }
 
 fn put_mission<const WRITE: usize, const ERASE: usize>(
     world: &World<WRITE, ERASE>,
-    slot: Slot,
+    slot: FlashBank,
     seq: u32,
     bytes: &[u8],
     len: u32,
@@ -900,7 +900,7 @@ fn put_mission<const WRITE: usize, const ERASE: usize>(
     };
     let mut nor = world.nor.borrow_mut();
     let blocks = [
-        (HEADED_AT, HEADED),
+        (HEADER_WRITTEN_AT, HEADER_WRITTEN),
         (SEALED_AT, SEALED),
         (TRIED_AT, TRIED),
         (NOTES_AT, NOTE),
@@ -911,7 +911,7 @@ fn put_mission<const WRITE: usize, const ERASE: usize>(
     }
     let mut padded = bytes.to_vec();
     padded.resize(bytes.len().next_multiple_of(BLOCK_BYTES), 0xFF);
-    nor.put(world.layout.address(slot, HEAD_BYTES) as usize, &padded);
+    nor.put(world.layout.address(slot, HEADER_BYTES) as usize, &padded);
 }
 
 /// The histories without any cut, on flashes of several kinds, also with a first content that
@@ -960,10 +960,10 @@ fn bits_flip() -> Result<(), Broken> {
         sound.oracle.choice_begins();
         let due = sound.oracle.due();
         let (from, to) = (
-            sound.layout.bounds(Slot::A).0 as usize,
-            sound.layout.bounds(Slot::B).1 as usize,
+            sound.layout.bounds(FlashBank::A).0 as usize,
+            sound.layout.bounds(FlashBank::B).1 as usize,
         );
-        let used = HEAD_BYTES as usize + 3 * BLOCK_BYTES;
+        let used = HEADER_BYTES as usize + 3 * BLOCK_BYTES;
         for at in (from..to).filter(|at| (at - from) % 2048 < used) {
             for bit in 0..8 {
                 let within = |broken: Broken| {
@@ -1000,13 +1000,13 @@ fn bits_flip() -> Result<(), Broken> {
                 if due.contains(&runs) {
                     continue;
                 }
-                let damaged = |state: &SlotState| {
+                let damaged = |state: &BankState| {
                     matches!(
                         state,
-                        SlotState::BrokenHeader
-                            | SlotState::BrokenPayload
-                            | SlotState::Unsealed
-                            | SlotState::TrialFailed
+                        BankState::BrokenHeader
+                            | BankState::BrokenPayload
+                            | BankState::Unsealed
+                            | BankState::TrialFailed
                     )
                 };
                 let is_old = matches!(runs, Runs::Confirmed(_) | Runs::Default);
@@ -1066,11 +1066,11 @@ fn cells_are_worn() -> Result<(), Broken> {
         NOTES_AT,
         HEADER_AT,
         HEADER_AT + 8,
-        HEAD_BYTES,
-        HEAD_BYTES + 40,
+        HEADER_BYTES,
+        HEADER_BYTES + 40,
     ];
     for offset in offsets {
-        for slot in [Slot::A, Slot::B] {
+        for slot in [FlashBank::A, FlashBank::B] {
             let mut world = small(Rewrite::Refuse);
             world.run(&[Reboot, Upload, Choose, Confirm])?;
             let at = world.layout.address(slot, offset) as usize;
@@ -1091,9 +1091,9 @@ fn cells_are_worn() -> Result<(), Broken> {
                     |_| true,
                 )
                 .map_err(|error| format!("{error:?}"))?;
-                let new = choice.slots.contains(&SlotState::OnTrial)
-                    || choice.slots.contains(&SlotState::TrialFailed);
-                let is_excused = choice.slots.contains(&SlotState::TrialNotRecorded);
+                let new = choice.slots.contains(&BankState::OnTrial)
+                    || choice.slots.contains(&BankState::TrialFailed);
+                let is_excused = choice.slots.contains(&BankState::TrialNotRecorded);
                 if is_there != (new || is_excused) {
                     return Err(within(format!("acknowledged: {is_there}; {choice:?}")));
                 }
@@ -1122,12 +1122,12 @@ fn headers_lie() -> Result<(), Broken> {
     let mut world = small(Rewrite::Refuse);
     let len = world.layout.payload_capacity() as usize + BLOCK_BYTES;
     let bytes = vec![0x33; len];
-    put_mission(&world, Slot::A, 1, &bytes, len as u32);
+    put_mission(&world, FlashBank::A, 1, &bytes, len as u32);
     let mut room = vec![0; 4096];
     let chip = Chip::<4, 2048>(world.nor.clone());
     let (_, choice) = Store::boot(chip, world.layout, &mut room, |_| true)
         .map_err(|error| format!("{error:?}"))?;
-    if choice.mission.is_some() || choice.slots[0] != SlotState::TooLong {
+    if choice.mission.is_some() || choice.slots[0] != BankState::TooLong {
         return Err(format!("a mission of {len} bytes: {choice:?}"));
     }
     world.ends_well()
@@ -1148,7 +1148,7 @@ fn refused_missions_stay() -> Result<(), Broken> {
             let chip = Chip::<4, 2048>(world.nor.clone());
             let (mut store, choice) = Store::boot(chip, world.layout, &mut room, |_| false)
                 .map_err(|error| format!("{error:?}"))?;
-            if choice.mission.is_some() || choice.slots.contains(&SlotState::OnTrial) {
+            if choice.mission.is_some() || choice.slots.contains(&BankState::OnTrial) {
                 return Err(format!("{choice:?}"));
             }
             let bytes = mission(1000);

@@ -15,10 +15,10 @@ use std::string::String;
 use std::vec;
 use std::vec::Vec;
 
-use super::layout::{BLOCK_BYTES, HEAD_BYTES, Layout};
+use super::key_values::{Found, Key, KeyValues, MAX_VALUE_BYTES, PutError};
+use super::layout::{BLOCK_BYTES, HEADER_BYTES, Layout};
 use super::nor::{Chip, Cut, Flicker, Geometry, Kind, Nor, Rewrite, Tear};
-use super::records::{Found, Key, MAX_VALUE_BYTES, PutError, Records};
-use super::{Slot, Store, journal};
+use super::{FlashBank, Store, journal};
 
 type Broken = String;
 
@@ -125,7 +125,7 @@ impl World {
     fn opened(nor: &Rc<RefCell<Nor>>) -> Result<Opened, Broken> {
         let mut room = [0xEE; ROOM];
         let layout = Layout::new(0, AREA_BYTES as u32);
-        let records = Records::open(Chip::<WRITE, ERASE>(nor.clone()), layout, &mut room)
+        let records = KeyValues::open(Chip::<WRITE, ERASE>(nor.clone()), layout, &mut room)
             .map_err(|error| format!("{error:?}"))?;
         let values = (1..=3)
             .map(|key| records.get(Key(key)).unwrap_or_default().to_vec())
@@ -170,7 +170,7 @@ impl World {
         let mut room = [0xEE; ROOM];
         let chip = Chip::<WRITE, ERASE>(nor.clone());
         let layout = Layout::new(0, AREA_BYTES as u32);
-        let opened = Records::open(chip, layout, &mut room);
+        let opened = KeyValues::open(chip, layout, &mut room);
         if nor.borrow().is_off {
             return Err(Stop::PowerLoss);
         }
@@ -200,7 +200,7 @@ impl World {
     }
 
     /// Each record has a value that it may have, and from now on no other.
-    fn look(&mut self, records: &Records<'_, Chip<WRITE, ERASE>>) -> Result<(), Broken> {
+    fn look(&mut self, records: &KeyValues<'_, Chip<WRITE, ERASE>>) -> Result<(), Broken> {
         match records.found() {
             Found::Table => {}
             Found::Nothing if !self.has_kept => {}
@@ -439,17 +439,17 @@ fn is_not_lost(world: &World, is_at_rest: bool) -> Result<(), Broken> {
         }
     }
     // What was not confirmed yet may give way.
-    let is_confirmed = [Slot::A, Slot::B].map(|slot| {
+    let is_confirmed = [FlashBank::A, FlashBank::B].map(|slot| {
         let nor = Rc::new(RefCell::new(world.nor.clone()));
         nor.borrow_mut().power_on();
         let layout = Layout::new(0, AREA_BYTES as u32);
         Store::new(Chip::<WRITE, ERASE>(nor), layout)
             .is_ok_and(|mut store| store.head(slot).confirmed_rank().is_some())
     });
-    let used = HEAD_BYTES as usize + 3 * BLOCK_BYTES;
+    let used = HEADER_BYTES as usize + 3 * BLOCK_BYTES;
     for at in (0..FLASH_BYTES).filter(|at| *at >= 2 * AREA_BYTES || at % AREA_BYTES < used) {
         let is_blank = world.nor.byte(at) == 0xFF;
-        let is_of_table = at < 2 * AREA_BYTES && at % AREA_BYTES >= HEAD_BYTES as usize;
+        let is_of_table = at < 2 * AREA_BYTES && at % AREA_BYTES >= HEADER_BYTES as usize;
         let is_acknowledged = is_of_table && is_confirmed[at / AREA_BYTES];
         // One bit of a byte, not always the same.
         let bit = (at % 8) as u8;
@@ -474,7 +474,7 @@ fn tables_fill_up() -> Result<(), Broken> {
     let chip = Chip::<WRITE, ERASE>(nor.clone());
     let layout = Layout::new(0, AREA_BYTES as u32);
     let mut records =
-        Records::open(chip, layout, &mut room).map_err(|error| format!("{error:?}"))?;
+        KeyValues::open(chip, layout, &mut room).map_err(|error| format!("{error:?}"))?;
     let found = records.found();
     let cases: &[(u8, usize, Result<(), PutError>)] = &[
         (1, MAX_VALUE_BYTES + 1, Err(PutError::TooLong)),

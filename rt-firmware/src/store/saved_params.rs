@@ -5,9 +5,9 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::vec::Vec;
 
-use super::kept_flash::{blank, with_keep};
+use super::kept_flash::{blank, with_store};
 use super::nor::{Cut, Kind, Rewrite, Tear};
-use crate::link::trial::MissionKeeper;
+use crate::link::trial::MissionStore;
 use crate::realtime::params::SavedParams;
 use esm_link::message::LinkError;
 
@@ -33,12 +33,12 @@ fn a_save_that_is_cut_leaves_what_was_saved_before_or_what_was_to_be() {
     let mut seen = Vec::new();
     for (before, after) in histories {
         let start = blank(Rewrite::Refuse);
-        with_keep(&start, None, |keep| keep.save_params(&before)).unwrap();
-        with_keep(&start, None, |keep| assert_eq!(keep.saved_params(), before));
+        with_store(&start, None, |keep| keep.save_params(&before)).unwrap();
+        with_store(&start, None, |keep| assert_eq!(keep.saved_params(), before));
         let first = start.borrow().operations;
         let whole = Rc::new(RefCell::new(start.borrow().clone()));
-        with_keep(&whole, None, |keep| keep.save_params(&after)).unwrap();
-        with_keep(&whole, None, |keep| assert_eq!(keep.saved_params(), after));
+        with_store(&whole, None, |keep| keep.save_params(&after)).unwrap();
+        with_store(&whole, None, |keep| assert_eq!(keep.saved_params(), after));
         let last = whole.borrow().operations;
         assert!(last > first);
         for at in first..last {
@@ -50,7 +50,7 @@ fn a_save_that_is_cut_leaves_what_was_saved_before_or_what_was_to_be() {
                     (Tear::Nothing, false),
                 ] {
                     let nor = Rc::new(RefCell::new(start.borrow().clone()));
-                    let answer = with_keep(&nor, None, |keep| {
+                    let answer = with_store(&nor, None, |keep| {
                         nor.borrow_mut().cut = Some(Cut {
                             at,
                             kind,
@@ -60,7 +60,7 @@ fn a_save_that_is_cut_leaves_what_was_saved_before_or_what_was_to_be() {
                         keep.save_params(&after)
                     });
                     let is_cut = nor.borrow().fired.is_some();
-                    let found = with_keep(&nor, None, |keep| keep.saved_params());
+                    let found = with_store(&nor, None, |keep| keep.saved_params());
                     let what = (at, kind, tear, is_loss);
                     match answer {
                         Ok(()) => assert_eq!(found, after, "{what:?}"),
@@ -71,7 +71,7 @@ fn a_save_that_is_cut_leaves_what_was_saved_before_or_what_was_to_be() {
                             seen.push(found == after);
                         }
                     }
-                    let again = with_keep(&nor, None, |keep| keep.saved_params());
+                    let again = with_store(&nor, None, |keep| keep.saved_params());
                     assert_eq!(again, found, "{what:?}: it stays so");
                 }
             }

@@ -4,10 +4,10 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Sets `overrun` when an occurrence of any slot has lasted too long since the last step, and
+/// Sets `overrun` when an activation of any slot has lasted too long since the last step, and
 /// `missed` when one did not start within its period. Both stay set until the state is entered
 /// anew, so that no macro step can overlook them. While the state is active, `limit` is how many
-/// occurrences of one slot in a row may last too long; one more leads to the safe state.
+/// activations of one slot in a row may last too long; one more leads to the safe state.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SlotMonitor {
     /// What the runtime had counted at the last step; nothing before the first one of a mission.

@@ -69,7 +69,7 @@ const CLEAR_MAPS: usize = FINDS_BLIND as usize;
 const PLACE_M: f32 = 0.05;
 const REMEMBERED_US: u32 = 3_000_000;
 
-/// Pings some of its sonars in each occurrence of its slot and collects their answers in the next.
+/// Pings some of its sonars in each activation of its slot and collects their answers in the next.
 /// Those that would hear each other ping in different ones ([`firing_windows`]). The slot's period
 /// must leave a sonar the time to answer: at least 40 ms.
 ///

@@ -5,7 +5,7 @@ use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 use crate::ports::Executor;
 use crate::show::Show;
 use esm_link::message::MAX_STREAM_BYTES;
-use esm_link::telemetry::{self, HEAD_WORDS, MAX_VALUE_WORDS, SAMPLE_WORDS, WORD_BYTES};
+use esm_link::telemetry::{self, HEADER_WORDS, MAX_VALUE_WORDS, SAMPLE_WORDS, WORD_BYTES};
 
 /// What both sides look at.
 pub(crate) struct TelemetryMemory {
@@ -141,7 +141,7 @@ impl Sampler<'_> {
         low.store(t_us as u32, Ordering::Relaxed);
         high.store((t_us >> u32::BITS) as u32, Ordering::Relaxed);
         // Release: the sample is there before its length is.
-        len.store((HEAD_WORDS + count) as u8, Ordering::Release);
+        len.store((HEADER_WORDS + count) as u8, Ordering::Release);
     }
 }
 
@@ -194,7 +194,7 @@ impl SampleReader<'_> {
             let (end, rest) = room.split_at_mut(WORD_BYTES);
             end.copy_from_slice(&telemetry::end(number).to_le_bytes());
             rest.fill(0);
-            count = HEAD_WORDS;
+            count = HEADER_WORDS;
         }
         count * WORD_BYTES
     }

@@ -11,7 +11,7 @@ use esm_link::access::{
 use esm_link::frame::{
     CRC_BYTES, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode, parse, unpack,
 };
-use esm_link::key_store::{KeyRecord, KeyStore, NotKept, WriteError};
+use esm_link::key_store::{KeyStore, NotStored, StoredKey, WriteError};
 use esm_link::message::{
     Channel, FromDevice, Identity, LinkError, MAX_CHUNK, Mode, Request, ResetReason, Response,
     Status, Stream, Swap, ToDevice,
@@ -20,11 +20,11 @@ use esm_link::telemetry::Sample;
 use host_tools::keys::SigningKey;
 use host_tools::plant::flash::Flash;
 use rt_firmware::body::flash::ERASE_BYTES;
-use rt_firmware::link::trial::MissionKeeper;
-use rt_firmware::store::keep::{Keep, RECORD_BYTES, flash_bytes};
+use rt_firmware::link::trial::MissionStore;
+use rt_firmware::store::flash_store::{FlashStore, RECORD_BYTES, flash_bytes};
 use rt_firmware::{
-    About, Bank, Board, Io, Kept, Limits, LinkPort, LinkSide, Mail, Memory, RealTime, Step, Task,
-    registry, split, task,
+    About, Board, Io, Limits, LinkPort, LinkSide, Mailbox, Memory, RealTime, RetainedRam, Step,
+    Task, TaskPool, registry, split, task,
 };
 use serde::Serialize;
 use serde::ser::{SerializeTuple, Serializer};
@@ -44,7 +44,7 @@ const TIMER_CALLS_TO_AN_ANSWER: usize = 8;
 
 /// How often a request of the good client may be sent. The first answers can be
 /// [`LinkError::Busy`], of a request before that is still under way: a start or a swap waits for
-/// the interpreter's next occurrence, and an occurrence passes between two sendings.
+/// the interpreter's next activation, and an activation passes between two sendings.
 const SENDINGS: usize = 12;
 
 /// What the input's first bytes say of those after them.
@@ -128,7 +128,7 @@ struct Wire<'k> {
     /// Bytes of the log.
     log: usize,
     now_us: u64,
-    keep: Keep<'k, Flash>,
+    keep: FlashStore<'k, Flash>,
 }
 
 impl LinkPort for Wire<'_> {
@@ -155,25 +155,25 @@ impl LinkPort for Wire<'_> {
         count
     }
 
-    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
+    fn key_store(&mut self) -> Option<&mut dyn KeyStore> {
         Some(self)
     }
 
-    fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
+    fn mission_store(&mut self) -> Option<&mut dyn MissionStore> {
         Some(&mut self.keep)
     }
 }
 
 impl KeyStore for Wire<'_> {
-    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+    fn read(&mut self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
         self.keep.read_of_key(record, room)
     }
 
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
+    fn write(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError> {
         self.keep.write_of_key(record, bytes)
     }
 
-    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
+    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotStored> {
         self.keep.remembered_key(room)
     }
 
@@ -247,20 +247,20 @@ struct Subject<'q, 'm, 'k> {
 /// A robot from its start to its next one.
 fn life<R>(
     flash: &Flash,
-    kept: &Kept,
+    kept: &RetainedRam,
     reason: Option<ResetReason>,
     live: impl FnOnce(&mut Subject<'_, '_, '_>) -> R,
 ) -> R {
     // Before anybody looks at what it retains.
     let reset = kept.begin(reason);
     let mut lamps = Lamps {
-        lamp: Bank::new([Lamp, Lamp]),
+        lamp: TaskPool::new([Lamp, Lamp]),
     };
     let mut banks = lamps.banks();
     let mut memory = Memory::<BLOB_BYTES, ARENA_WORDS, SLOTS, 4, 4, 1, 256>::new();
-    let mut mail = Mail::new();
+    let mut mail = Mailbox::new();
     let mut records = [0; RECORD_BYTES];
-    let Ok(keep) = Keep::open(flash.clone(), BLOB_BYTES as u32, None, &mut records) else {
+    let Ok(keep) = FlashStore::open(flash.clone(), BLOB_BYTES as u32, None, &mut records) else {
         panic!("the flash is large enough");
     };
     let keep = keep.over_resets(kept);
@@ -336,7 +336,9 @@ impl Subject<'_, '_, '_> {
                     ..
                 } => self.identity = Some(identity),
                 FromDevice::Stream(part) => check(&part),
-                FromDevice::Reply { .. } | FromDevice::Proven { .. } | FromDevice::News(_) => {}
+                FromDevice::Reply { .. }
+                | FromDevice::Proven { .. }
+                | FromDevice::StatusEvent(_) => {}
             }
         }
     }
@@ -869,12 +871,12 @@ fn sign_mission(counter: u64) -> [u8; SIGNATURE_BYTES] {
 /// an emergency; and then it is switched off and on.
 ///
 /// # Panics
-/// Where the robot does not answer that client within a few occurrences of its slots, or sends what
+/// Where the robot does not answer that client within a few activations of its slots, or sends what
 /// is no message; where it does what comes too late; where it does not do what it is asked to, or
 /// has not kept what it said that it kept.
 pub fn link(bytes: &[u8]) {
     let flash = Flash::blank(flash_bytes(BLOB_BYTES as u32, ERASE_BYTES as u32));
-    let mut kept = Kept::new();
+    let mut kept = RetainedRam::new();
     let mut reason = None;
     let mut bytes = bytes;
     let hash = loop {
@@ -890,14 +892,16 @@ pub fn link(bytes: &[u8]) {
         reason = match why % 3 {
             0 => {
                 // Power was lost: nothing but the flash is as it was.
-                kept = Kept::new();
+                kept = RetainedRam::new();
                 None
             }
             1 => Some(ResetReason::Software),
             _ => Some(ResetReason::Watchdog),
         };
     };
-    life(&flash, &Kept::new(), None, |robot| robot.has_kept(hash));
+    life(&flash, &RetainedRam::new(), None, |robot| {
+        robot.has_kept(hash)
+    });
 }
 
 /// Sessions of good clients, whole and in disorder.
@@ -942,7 +946,7 @@ pub fn sessions() -> Vec<Seed> {
         ),
         ("fields", Request::Values { ask: &fields }),
         ("values", Request::Values { ask: &values }),
-        ("last_words", Request::LastWords),
+        ("last_words", Request::CrashReport),
         ("black_box", Request::BlackBox { from: None }),
         ("clock", Request::Clock),
         ("features", Request::Features),

@@ -16,8 +16,8 @@ use super::watched;
 /// Macro steps that a blob which passed is run for.
 const STEPS: usize = 6;
 
-/// Occurrences of slots that are handed out.
-const OCCURRENCES: usize = 64;
+/// Activations of slots that are handed out.
+const ACTIVATIONS: usize = 64;
 
 /// Slots that a dispatcher is tried with.
 const SLOTS: usize = 64;
@@ -271,7 +271,7 @@ fn read_task_instance(tables: &Tables<'_>, index: usize) {
     }
 }
 
-/// Hands out occurrences of the slots: in the order of their starts, each in its period, none at
+/// Hands out activations of the slots: in the order of their starts, each in its period, none at
 /// the time of another that lasts.
 pub fn dispatch(tables: &Tables<'_>) {
     let Ok(mut dispatcher) = Dispatcher::<SLOTS>::new(tables.slots()) else {
@@ -282,7 +282,7 @@ pub fn dispatch(tables: &Tables<'_>) {
         return;
     };
     let (mut busy_from_us, mut free_from_us) = (0, 0);
-    for _ in 0..OCCURRENCES {
+    for _ in 0..ACTIVATIONS {
         let next = dispatcher.next();
         let slot = tables.slot(next.slot).expect("a slot");
         let period_us = u64::from(slot.period_us);

@@ -27,7 +27,7 @@ use super::plain::Plain;
 /// Words lent to the interpreter beyond what it needs; it must leave them alone.
 const SURPLUS_WORDS: usize = 2;
 
-/// Occurrences that pass unseen at once are mostly few; now and then as many as there can be. A
+/// Activations that pass unseen at once are mostly few; now and then as many as there can be. A
 /// robot is in its safe state long before.
 const MANY_SKIPPED: usize = 1 << 16;
 

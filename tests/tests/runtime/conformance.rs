@@ -14,13 +14,13 @@ use esm_link::frame::{
     CRC_BYTES, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, checksum, decode, encode,
 };
 use esm_link::message::{
-    Capacities, Capacity, Channel, CoreFault, DELAY_BUCKETS, DeviceInfo, FlashHealth, FromDevice,
-    Identity, Kept, LastWords, LinkError, MAX_CHUNK, MAX_PART, MAX_STREAM_BYTES, Mode,
-    RecordsState, Request, ResetReason, Response, SafeReason, Silent, SlotCounters, SlotState,
-    Source, Status, Stream, Swap, TaskCounters, ToDevice, UNKNOWN, Uploads, WayIn,
+    BankState, Capacities, Capacity, Channel, CoreFault, CrashReport, DELAY_BUCKETS, DeviceInfo,
+    FlashHealth, FromDevice, Identity, KeyValuesState, LinkError, MAX_CHUNK, MAX_PART,
+    MAX_STREAM_BYTES, Mode, Request, ResetReason, Response, SafeReason, Silent, SlotCounters,
+    Source, Status, StoreStatus, Stream, Swap, TaskCounters, ToDevice, UNKNOWN, Uploads, WayIn,
 };
-use esm_link::news::{Cause, News};
 use esm_link::proof::{Secret, mask};
+use esm_link::status_event::{Cause, StatusEvent};
 use esm_link::trial::{FallBack, FallBackReason, Trial};
 use esm_tests::command::root;
 use esm_tests::owner::{Installation, Owner, bytes_of as held};
@@ -182,7 +182,7 @@ fn write_frames(text: &mut String) {
                 mission: 0x1234_abcd,
             },
         ),
-        ("request last words", Request::LastWords),
+        ("request last words", Request::CrashReport),
         (
             "request watch",
             Request::Watch {
@@ -301,7 +301,7 @@ fn write_frames(text: &mut String) {
             region_instance: 300,
             transition: 2,
         },
-        Event::Mode(Mode::Safe(SafeReason::Missed)),
+        Event::Mode(Mode::Safe(SafeReason::DeadlineMiss)),
     ];
     let records: Vec<u8> = (70_000..)
         .zip(records)
@@ -336,9 +336,9 @@ fn write_frames(text: &mut String) {
             mission: 128,
             reason: FallBackReason::Failed(SafeReason::Overruns),
         }),
-        kept: Some(Kept {
+        kept: Some(StoreStatus {
             runs: Source::B,
-            slots: [SlotState::NoRoom { len: 5000 }, SlotState::OnTrial],
+            slots: [BankState::NoRoom { len: 5000 }, BankState::OnTrial],
         }),
         changed_params: 200,
         saved_params: 201,
@@ -346,7 +346,7 @@ fn write_frames(text: &mut String) {
         record_pending: true,
         stop_pressed: true,
         flash: Some(FlashHealth {
-            records: RecordsState::Older(WayIn::NoKey),
+            records: KeyValuesState::Older(WayIn::NoKey),
             flaws: 300,
             mission_erases: 70_000,
             record_erases: 5,
@@ -447,8 +447,8 @@ fn write_frames(text: &mut String) {
         ),
         (
             "last words",
-            Ok(Response::LastWords {
-                words: LastWords {
+            Ok(Response::CrashReport {
+                words: CrashReport {
                     reason: ResetReason::CpuFault,
                     after_us: 1 << 40,
                     task: Some(300),
@@ -565,7 +565,7 @@ fn write_frames(text: &mut String) {
         ("error no challenge", Err(LinkError::NoChallenge)),
         ("error no key", Err(LinkError::NoKey)),
         ("error no key support", Err(LinkError::NoKeySupport)),
-        ("error not kept", Err(LinkError::NotKept)),
+        ("error not kept", Err(LinkError::NotStored)),
         ("error too soon", Err(LinkError::TooSoon { ms: 1000 })),
         ("error flash refused", Err(LinkError::FlashRefused)),
         ("error other mission", Err(LinkError::OtherMission)),
@@ -587,7 +587,7 @@ fn write_frames(text: &mut String) {
         ("error not built in", Err(LinkError::NotBuiltIn)),
         ("error no store", Err(LinkError::NoStore)),
         ("error emergency stopped", Err(LinkError::EmergencyStopped)),
-        ("error stop not kept", Err(LinkError::StopNotKept)),
+        ("error stop not kept", Err(LinkError::StopNotStored)),
         ("error late", Err(LinkError::Late)),
         ("error no session", Err(LinkError::NoSession)),
         ("error wrong proof", Err(LinkError::WrongProof)),
@@ -686,7 +686,7 @@ fn write_frames(text: &mut String) {
     for (name, stream) in streams.into_iter().chain(values) {
         write_frame(text, name, &FromDevice::Stream(stream));
     }
-    let news = News {
+    let news = StatusEvent {
         seq: 255,
         cause: Cause::Trial,
         mode: Mode::Running,
@@ -702,10 +702,10 @@ fn write_frames(text: &mut String) {
         missed: 1,
         overruns: 2,
         max_delay_ns: 16_384,
-        spoiled_frames: 3,
+        corrupt_frames: 3,
     };
-    write_frame(text, "news", &FromDevice::News(news));
-    let stopped = News {
+    write_frame(text, "news", &FromDevice::StatusEvent(news));
+    let stopped = StatusEvent {
         cause: Cause::Mode,
         mode: Mode::EmergencyStopped,
         ..news
@@ -713,7 +713,7 @@ fn write_frames(text: &mut String) {
     write_frame(
         text,
         "news of an emergency stop",
-        &FromDevice::News(stopped),
+        &FromDevice::StatusEvent(stopped),
     );
     // The beginning that never changes, and what only a later version knows.
     write_frame(

@@ -4,7 +4,7 @@ use esm_link::black_box::{Event, RECORD_BYTES, Record};
 use esm_link::frame::{MAX_FRAME_BYTES, encode};
 use esm_link::message::{LinkError, Mode, Request, SafeReason, Swap, ToDevice};
 use esm_tests::random::Random;
-use rt_firmware::kept::{Ending, Kept};
+use rt_firmware::retained_ram::{CrashCause, RetainedRam};
 
 use super::counting;
 use super::keeping::with_kept;
@@ -112,7 +112,7 @@ fn an_emergency_stop_does_not_wait_for_the_request_before_and_a_start_that_waits
 
 #[test]
 fn an_emergency_stop_survives_resets_and_is_in_the_flight_recorder() {
-    let kept = Kept::new();
+    let kept = RetainedRam::new();
     with_kept(&kept, |robot| {
         robot.start(&counting(99).blob());
         let frame = robot.frame(Request::EmergencyStop);
@@ -121,7 +121,7 @@ fn an_emergency_stop_survives_resets_and_is_in_the_flight_recorder() {
         assert_eq!(robot.exchange().len(), 1);
     });
     for _ in 0..2 {
-        kept.end(&Ending::Watchdog);
+        kept.end(&CrashCause::Watchdog);
         with_kept(&kept, |robot| {
             robot.world.said();
             assert_eq!(robot.status().mode, Mode::EmergencyStopped);
@@ -157,7 +157,7 @@ fn who_keeps_missions_keeps_an_emergency_stop_before_the_host_is_told() {
         // Who cannot says so, and stops all the same.
         robot.wire.memory.is_full = true;
         let stopped = robot.ask(Request::EmergencyStop);
-        assert_eq!(stopped, Err(LinkError::StopNotKept));
+        assert_eq!(stopped, Err(LinkError::StopNotStored));
         assert_eq!(robot.status().mode, Mode::EmergencyStopped);
     });
     // The power was lost meanwhile.
@@ -259,7 +259,7 @@ fn of_others(mission: u32) -> Vec<Request<'static>> {
         Request::Status,
         Request::Clock,
         Request::Features,
-        Request::LastWords,
+        Request::CrashReport,
         Request::Start,
         Request::Release,
         Request::States { first: 0 },

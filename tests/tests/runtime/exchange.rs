@@ -8,7 +8,7 @@ use crate::robot::{Answer, Bench, TICKS_PER_US, with_robot};
 use crate::warm::listening;
 use crate::{SLOTS, counting};
 
-/// The last occurrence of any slot before the macro step at 50 ms, and how long before that step
+/// The last activation of any slot before the macro step at 50 ms, and how long before that step
 /// the missions are exchanged.
 const LAST_US: u64 = 47_000;
 const CHANGED_US: u64 = 48_000;

@@ -1,15 +1,15 @@
 //! What a robot writes down in RAM that a reset leaves alone, and tells at the next connection.
 
 use esm_link::black_box::{Event, RECORD_BYTES, Record};
-use esm_link::message::{LastWords, Mode, Request, ResetReason, SafeReason};
+use esm_link::message::{CrashReport, Mode, Request, ResetReason, SafeReason};
 use rt_firmware::About;
-use rt_firmware::kept::{Ending, Kept};
+use rt_firmware::retained_ram::{CrashCause, RetainedRam};
 
 use super::robot::{Answer, Bench, with_robot_that_is};
 use super::{counting, hogging};
 
 /// A robot that starts, with what was kept of its runs before.
-pub(crate) fn with_kept(kept: &Kept, test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
+pub(crate) fn with_kept(kept: &RetainedRam, test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
     let about = About {
         reset: kept.begin(None),
         kept: Some(kept),
@@ -18,7 +18,7 @@ pub(crate) fn with_kept(kept: &Kept, test: impl FnOnce(&mut Bench<'_, '_, '_>)) 
     with_robot_that_is(about, test);
 }
 
-/// All that the flight recorder holds, asked for page by page.
+/// All that the black box holds, asked for page by page.
 fn black_box(robot: &mut Bench<'_, '_, '_>) -> Vec<(u64, Event)> {
     let mut records = Vec::new();
     let mut from = None;
@@ -39,7 +39,7 @@ fn black_box(robot: &mut Bench<'_, '_, '_>) -> Vec<(u64, Event)> {
 
 #[test]
 fn states_faults_and_stops_are_told_with_their_times() {
-    let kept = Kept::new();
+    let kept = RetainedRam::new();
     with_kept(&kept, |robot| {
         let blob = counting(3).blob();
         let hash = u32::from_le_bytes(*blob.last_chunk().unwrap());
@@ -70,7 +70,7 @@ fn states_faults_and_stops_are_told_with_their_times() {
 
 #[test]
 fn what_was_written_down_is_there_after_a_reset_with_how_the_run_ended() {
-    let kept = Kept::new();
+    let kept = RetainedRam::new();
     let mut before = Vec::new();
     with_kept(&kept, |robot| {
         robot.upload(&hogging(1_500).blob()).unwrap();
@@ -92,7 +92,7 @@ fn what_was_written_down_is_there_after_a_reset_with_how_the_run_ended() {
         });
         assert_eq!(overruns.count(), 4, "{before:?}");
     });
-    kept.end(&Ending::Panic {
+    kept.end(&CrashCause::Panic {
         file: "src/hog.rs",
         line: 12,
     });
@@ -109,7 +109,7 @@ fn what_was_written_down_is_there_after_a_reset_with_how_the_run_ended() {
             .map(|(_, event)| *event)
             .collect();
         assert_eq!(after, [ended, started]);
-        let Ok(Answer::LastWords(words)) = robot.ask(Request::LastWords) else {
+        let Ok(Answer::CrashReport(words)) = robot.ask(Request::CrashReport) else {
             panic!("the robot tells how it ended");
         };
         assert_eq!(
@@ -126,15 +126,15 @@ fn a_board_that_keeps_nothing_says_so() {
     with_robot_that_is(About::new("toy 0.1", "bench"), |robot| {
         assert_eq!(black_box(robot), []);
         assert_eq!(
-            robot.ask(Request::LastWords),
-            Ok(Answer::LastWords(LastWords::of(ResetReason::PowerOn)))
+            robot.ask(Request::CrashReport),
+            Ok(Answer::CrashReport(CrashReport::of(ResetReason::PowerOn)))
         );
     });
 }
 
 #[test]
 fn a_robot_that_may_not_start_by_itself_looks_at_what_it_has_all_the_same() {
-    let kept = Kept::new();
+    let kept = RetainedRam::new();
     for starts in 0..5 {
         let mut taken = Vec::new();
         let reset = kept.begin((starts > 0).then_some(ResetReason::Watchdog));

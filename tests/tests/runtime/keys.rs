@@ -174,7 +174,7 @@ fn what_is_kept_holds_though_the_flash_said_that_it_is_not() {
     with_robot(|robot| {
         robot.wire.safe = Some(Safe::default());
         doubt(robot, true);
-        assert_eq!(install(robot, &key(1)), Err(LinkError::NotKept));
+        assert_eq!(install(robot, &key(1)), Err(LinkError::NotStored));
         assert_eq!(robot.access(), Access::Locked);
         assert_eq!(robot.ask(Request::Start), Err(LinkError::NeedsKey));
         doubt(robot, false);
@@ -188,7 +188,7 @@ fn what_is_kept_holds_though_the_flash_said_that_it_is_not() {
         challenge(robot);
         doubt(robot, true);
         let committed = ask_signed(robot, &key(1), &signature, commit);
-        assert_eq!(committed, Err(LinkError::NotKept));
+        assert_eq!(committed, Err(LinkError::NotStored));
         assert_eq!(challenge(robot).1, 1, "the number is used up");
         // A new key voids what the one before has signed, also where it is said not to be kept.
         robot.send(&blob);
@@ -196,13 +196,13 @@ fn what_is_kept_holds_though_the_flash_said_that_it_is_not() {
         let other = replacement(robot, &key(2), SALT);
         let request = other.request();
         let replaced = ask_signed(robot, &key(1), &NO_UPLOAD, request);
-        assert_eq!(replaced, Err(LinkError::NotKept));
+        assert_eq!(replaced, Err(LinkError::NotStored));
         // A session takes a record, unless one was opened since the start.
         assert_eq!(robot.open_session(&key(2)), Ok(Answer::Done));
         let committed = ask_signed(robot, &key(2), &NO_UPLOAD, commit);
         assert_eq!(committed, Err(LinkError::NotSigned));
         let removed = ask_signed(robot, &key(2), &NO_UPLOAD, Request::RemoveKey);
-        assert_eq!(removed, Err(LinkError::NotKept));
+        assert_eq!(removed, Err(LinkError::NotStored));
         robot.owner = None;
         assert_eq!(robot.access(), Access::Open);
     });
@@ -215,9 +215,9 @@ fn a_robot_of_which_nobody_knows_whether_it_has_a_key_is_locked() {
         assert_eq!(robot.access(), Access::Open);
         let safe = robot.wire.safe.as_mut();
         safe.expect("it is there").broken = true;
-        assert_eq!(install(robot, &key(1)), Err(LinkError::NotKept));
+        assert_eq!(install(robot, &key(1)), Err(LinkError::NotStored));
         assert_eq!(robot.access(), Access::Unreadable);
-        assert_eq!(robot.ask(Request::Start), Err(LinkError::NotKept));
+        assert_eq!(robot.ask(Request::Start), Err(LinkError::NotStored));
     });
 }
 
@@ -640,8 +640,8 @@ fn where_nobody_knows_whether_there_is_a_key_nobody_may() {
         with_robot(|robot| {
             robot.wire.safe = kept.take();
             assert_eq!(robot.access(), Access::Unreadable);
-            assert_eq!(robot.ask(Request::Start), Err(LinkError::NotKept));
-            assert_eq!(install(robot, &key(1)), Err(LinkError::NotKept));
+            assert_eq!(robot.ask(Request::Start), Err(LinkError::NotStored));
+            assert_eq!(install(robot, &key(1)), Err(LinkError::NotStored));
             assert_eq!(robot.ask(Request::Stop), Ok(Answer::Done));
         });
     });
@@ -659,13 +659,13 @@ fn what_cannot_be_kept_is_not_done() {
         robot.wire.safe.as_mut().unwrap().broken = true;
         assert_eq!(
             ask_signed(robot, &key(1), &signature, Request::Commit(Swap::default())),
-            Err(LinkError::NotKept),
+            Err(LinkError::NotStored),
             "the counter is kept before the mission runs, or it does not run"
         );
         assert_eq!(robot.status().mission, mission);
         assert_eq!(
             ask_signed(robot, &key(1), &NO_UPLOAD, Request::RemoveKey),
-            Err(LinkError::NotKept)
+            Err(LinkError::NotStored)
         );
         robot.wire.safe.as_mut().unwrap().broken = false;
         assert_eq!(robot.access(), Access::Locked);
@@ -874,14 +874,14 @@ fn a_robot_with_damaged_records_takes_a_key_of_its_owner_and_nothing_else() {
         let blob = counting(5).blob();
         let len = blob.len() as u32;
         let begin = Request::Begin { len, crc: 0 };
-        assert_eq!(robot.ask(begin), Err(LinkError::NotKept));
-        assert_eq!(robot.ask(Request::Start), Err(LinkError::NotKept));
+        assert_eq!(robot.ask(begin), Err(LinkError::NotStored));
+        assert_eq!(robot.ask(Request::Start), Err(LinkError::NotStored));
         assert_eq!(robot.ask(Request::Stop), Ok(Answer::Done));
         // And of that one, nothing but a key.
         assert_eq!(robot.open_session(&key(1)), Ok(Answer::Done));
-        assert_eq!(robot.ask(begin), Err(LinkError::NotKept));
+        assert_eq!(robot.ask(begin), Err(LinkError::NotStored));
         let start = ask_signed(robot, &key(1), &NO_UPLOAD, Request::Start);
-        assert_eq!(start, Err(LinkError::NotKept));
+        assert_eq!(start, Err(LinkError::NotStored));
         let forged = replacement(robot, &key(2), SALT);
         let forged = ask_signed(robot, &key(2), &NO_UPLOAD, forged.request());
         assert_eq!(forged, Err(LinkError::WrongSignature));
@@ -909,7 +909,7 @@ fn a_robot_with_damaged_records_takes_a_key_of_its_owner_and_nothing_else() {
     });
     with_damage(&[], |robot| {
         assert_eq!(robot.access(), Access::Damaged);
-        assert_eq!(robot.ask(Request::Start), Err(LinkError::NotKept));
+        assert_eq!(robot.ask(Request::Start), Err(LinkError::NotStored));
         assert_eq!(install(robot, &key(1)), Ok(Answer::Done));
         assert_eq!(robot.access(), Access::Locked);
         assert_eq!(robot.open_session(&key(1)), Ok(Answer::Done));
@@ -917,6 +917,6 @@ fn a_robot_with_damaged_records_takes_a_key_of_its_owner_and_nothing_else() {
     // A key that is not whole is none.
     with_damage(&record[1..], |robot| {
         assert_eq!(robot.access(), Access::Unreadable);
-        assert_eq!(install(robot, &key(1)), Err(LinkError::NotKept));
+        assert_eq!(install(robot, &key(1)), Err(LinkError::NotStored));
     });
 }

@@ -1,4 +1,4 @@
-//! The runtime with toy tasks: what slots, tasks, slot-0 runs and the link do, on the host.
+//! The runtime with toy tasks: what slots, tasks, background runs and the link do, on the host.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
@@ -117,7 +117,7 @@ fn flags_of_a_task_are_seen_by_the_next_macro_step() {
 #[test]
 fn a_task_is_busy_until_its_input_has_a_value() {
     // The sink stands before the source in the order of the slot, so that it has to wait for the
-    // slot's next occurrence.
+    // slot's next activation.
     let mission = Mission::new(&SLOTS)
         .task(signature::SINK, None)
         .task(signature::SOURCE, None)
@@ -254,17 +254,17 @@ fn a_slot_0_run_is_told_at_the_next_occurrence() {
         );
         robot.run_us(10_000);
         assert_eq!(robot.world.said(), ["sink 1 reads 100", "sink 1 reads 100"]);
-        let jobs: Vec<&String> = robot
+        let background_runs: Vec<&String> = robot
             .trace
             .iter()
-            .filter(|record| record.starts_with("Job"))
+            .filter(|record| record.starts_with("BackgroundRun"))
             .collect();
-        // Occurrences: 0 interpreter, 1 and 2 slot 2, 3 interpreter.
+        // Activations: 0 interpreter, 1 and 2 slot 2, 3 interpreter.
         assert_eq!(
-            jobs,
+            background_runs,
             [
-                "JobStarted { task_instance: 0, occurrence: 0 }",
-                "JobEnded { task_instance: 0, occurrence: 3 }"
+                "BackgroundRunStarted { task_instance: 0, activation: 0 }",
+                "BackgroundRunEnded { task_instance: 0, activation: 3 }"
             ]
         );
         assert!(robot.trace.iter().any(|record| record
@@ -326,17 +326,17 @@ fn a_state_that_is_entered_anew_while_its_run_goes_on_gets_another_run() {
         );
         while robot.background.poll() {}
         robot.run_us(4_000);
-        let jobs: Vec<&String> = robot
+        let background_runs: Vec<&String> = robot
             .trace
             .iter()
-            .filter(|record| record.starts_with("Job"))
+            .filter(|record| record.starts_with("BackgroundRun"))
             .collect();
         assert_eq!(
-            jobs,
+            background_runs,
             [
-                "JobStarted { task_instance: 0, occurrence: 0 }",
-                "JobEnded { task_instance: 0, occurrence: 8 }",
-                "JobStarted { task_instance: 0, occurrence: 8 }",
+                "BackgroundRunStarted { task_instance: 0, activation: 0 }",
+                "BackgroundRunEnded { task_instance: 0, activation: 8 }",
+                "BackgroundRunStarted { task_instance: 0, activation: 8 }",
             ]
         );
         assert!(!robot.task(0).busy);
@@ -383,7 +383,7 @@ fn overruns_are_counted_one_by_one_and_end_in_the_safe_state() {
             assert_eq!(slot.max_execution_ns, takes_us * 1_000);
             assert_eq!(slot.min_execution_ns, takes_us * 1_000);
             assert_eq!(slot.mean_execution_ns(), u64::from(takes_us) * 1_000);
-            // In the safe state occurrences begin, and nothing is executed.
+            // In the safe state activations begin, and nothing is executed.
             let executed = if overruns == 0 { 12 } else { overruns };
             assert_eq!(slot.executed, executed);
             let delays: u32 = slot.delays.iter().copied().map(u32::from).sum();
@@ -457,7 +457,7 @@ fn a_missed_occurrence_raises_a_flag_too() {
     with_robot(|robot| {
         robot.start(&mission.blob());
         robot.run_us(4_000);
-        // Slot 2 at 7 ms is left out; it goes on at 12 ms, before the interpreter's occurrence,
+        // Slot 2 at 7 ms is left out; it goes on at 12 ms, before the interpreter's activation,
         // which is late.
         robot.world.pass_us(9_000);
         robot.run_us(6_000);
@@ -515,7 +515,7 @@ fn missed_occurrences_are_counted_exactly() {
         (7_000, [0, 1], Mode::Running),
         (12_000, [0, 2], Mode::Running),
         (16_000, [1, 2], Mode::Running),
-        (32_000, [2, 6], Mode::Safe(SafeReason::Missed)),
+        (32_000, [2, 6], Mode::Safe(SafeReason::DeadlineMiss)),
     ] {
         with_robot(|robot| {
             robot.start(&counting(99).blob());
@@ -579,8 +579,8 @@ fn the_time_of_a_macro_step_is_nominal_also_after_missed_ones() {
         assert_eq!(slot.delays, [1, 0, 0, 0, 0, 0, 1, 0]);
         // Step 1 was left out, so that the next one is told with its number.
         let told: Vec<&String> = (robot.trace.iter())
-            .skip_while(|record| !record.starts_with("Missed { slot: 0"))
-            .filter(|record| !record.starts_with("Missed"))
+            .skip_while(|record| !record.starts_with("DeadlineMiss { slot: 0"))
+            .filter(|record| !record.starts_with("DeadlineMiss"))
             .collect();
         assert_eq!(
             told,
@@ -612,12 +612,12 @@ fn a_swap_takes_place_at_the_interpreters_next_occurrence_and_misses_nothing() {
         );
         let status = robot.status();
         assert_eq!((status.steps, status.t_us, status.missed), (2, 10_000, 0));
-        // Nominal starts go on over the swap, and each occurrence is told once.
+        // Nominal starts go on over the swap, and each activation is told once.
         let starts: Vec<u64> = robot
             .board
-            .occurrences
+            .activations
             .iter()
-            .map(|occurrence| occurrence.start_us)
+            .map(|activation| activation.start_us)
             .collect();
         assert_eq!(
             starts,
@@ -646,9 +646,9 @@ fn counting_among(slots: &[(u32, u32, u32)]) -> Mission {
 
 /// Nominal starts of a slot since the robot's first macro step.
 fn starts_us(robot: &robot::Bench<'_, '_, '_>, slot: usize) -> Vec<u64> {
-    let occurrences = robot.board.occurrences.iter();
-    let of_slot = occurrences.filter(|occurrence| occurrence.slot == slot);
-    of_slot.map(|occurrence| occurrence.start_us).collect()
+    let activations = robot.board.activations.iter();
+    let of_slot = activations.filter(|activation| activation.slot == slot);
+    of_slot.map(|activation| activation.start_us).collect()
 }
 
 #[test]

@@ -112,13 +112,13 @@ fn mission(random: &mut Random) -> (Vec<u8>, u32) {
     (mission.blob(), slots[0].0)
 }
 
-/// Lets a robot run. Slot-0 runs go on just before the interpreter's slot, so that they are noted
-/// in it: in other slots, what was ready comes before that.
+/// Lets a robot run. Background runs go on just before the interpreter's slot, so that they are
+/// noted in it: in other slots, what was ready comes before that.
 fn run(robot: &mut Bench<'_, '_, '_>, us: u64, interpreter_period_us: u32) {
     let until_ticks = robot.world.now_us() * TICKS_PER_US + us * TICKS_PER_US;
     loop {
         let next_ticks = robot.timer();
-        let last = (robot.board.occurrences.iter().rev()).find(|occurrence| occurrence.interpreter);
+        let last = (robot.board.activations.iter().rev()).find(|activation| activation.interpreter);
         let interpreter_ticks =
             last.map(|last| last.start_ticks + u64::from(interpreter_period_us) * TICKS_PER_US);
         // A run may have no end.
@@ -185,7 +185,7 @@ fn told(seed: u64, uses_what_is_ready: bool) -> Vec<String> {
             told.append(&mut robot.trace);
             told.push(format!(
                 "{:?}",
-                std::mem::take(&mut robot.board.occurrences).last()
+                std::mem::take(&mut robot.board.activations).last()
             ));
             told.push(format!("{:?}", robot.status()));
             for slot in 0..4 {

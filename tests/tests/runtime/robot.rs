@@ -7,24 +7,24 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use esm_link::access::{Access, NONCE_BYTES, may_be_proven};
 use esm_link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, encode, parse, unpack};
-use esm_link::key_store::{KeyRecord, KeyStore, NotKept, Volatile, WriteError};
+use esm_link::key_store::{KeyStore, NotStored, StoredKey, Volatile, WriteError};
 use esm_link::message::{
-    FlashHealth, FromDevice, Identity, Kept, LastWords, LinkError, MAX_CHUNK, RecordsState,
-    Request, Response, SafeReason, SlotCounters, SlotState, Source as MissionSource, Status, Swap,
-    TaskCounters, ToDevice,
+    BankState, CrashReport, FlashHealth, FromDevice, Identity, KeyValuesState, LinkError,
+    MAX_CHUNK, Request, Response, SafeReason, SlotCounters, Source as MissionSource, Status,
+    StoreStatus, Swap, TaskCounters, ToDevice,
 };
-use esm_link::news::News;
+use esm_link::status_event::StatusEvent;
 use esm_link::telemetry::Sample;
-use esm_link::trace::TraceRecord;
+use esm_link::trace::TraceEvent;
 use esm_tests::owner::Owner;
 use host_tools::keys::SigningKey;
-use rt_firmware::link::trial::MissionKeeper;
+use rt_firmware::link::trial::MissionStore;
 use rt_firmware::realtime::params::SavedParams;
-use rt_firmware::store::keep::Start;
+use rt_firmware::store::flash_store::Start;
 use rt_firmware::tasks::SlotMonitor;
 use rt_firmware::{
-    About, Background, Bank, Board, Io, Limits, LinkPort, LinkSide, Mail, Memory, OccurrenceStart,
-    RealTime, Step, Task, registry, split, task,
+    About, ActivationStart, Background, Board, Io, Limits, LinkPort, LinkSide, Mailbox, Memory,
+    RealTime, Step, Task, TaskPool, registry, split, task,
 };
 
 /// Ticks of the robot's clock in a microsecond.
@@ -171,8 +171,8 @@ pub struct ToyBoard<'w> {
     pub motors_off: u32,
     /// Times that the watchdog was fed.
     pub fed: u32,
-    /// Occurrences so far.
-    pub occurrences: Vec<OccurrenceStart>,
+    /// Activations so far.
+    pub activations: Vec<ActivationStart>,
     /// How often the motors had been stopped when each exchange with the body began.
     pub off_at_exchanges: Vec<u32>,
     /// What the body says from now on.
@@ -202,8 +202,8 @@ impl Board for ToyBoard<'_> {
         (self.now_ticks() as u32).wrapping_add(away)
     }
 
-    fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
-        self.occurrences.push(*occurrence);
+    fn begin_activation(&mut self, activation: &ActivationStart) -> Result<(), SafeReason> {
+        self.activations.push(*activation);
         self.off_at_exchanges.push(self.motors_off);
         self.body
     }
@@ -267,7 +267,7 @@ pub struct Memo {
     pub taken: Vec<bool>,
 }
 
-impl MissionKeeper for Memo {
+impl MissionStore for Memo {
     fn trial_begins(&mut self, blob: &[u8]) -> Result<(), LinkError> {
         if self.is_full {
             return Err(LinkError::Busy);
@@ -305,12 +305,12 @@ impl MissionKeeper for Memo {
         }
     }
 
-    fn kept(&self) -> Kept {
-        Kept {
+    fn kept(&self) -> StoreStatus {
+        StoreStatus {
             runs: MissionSource::Nothing,
             slots: match self.is_on_trial {
-                true => [SlotState::OnTrial, SlotState::Empty],
-                false => [SlotState::Empty; 2],
+                true => [BankState::OnTrial, BankState::Empty],
+                false => [BankState::Empty; 2],
             },
         }
     }
@@ -319,7 +319,7 @@ impl MissionKeeper for Memo {
 
     fn flash_health(&mut self) -> FlashHealth {
         FlashHealth {
-            records: RecordsState::Whole,
+            records: KeyValuesState::Whole,
             flaws: 0,
             mission_erases: 3,
             record_erases: 5,
@@ -344,7 +344,7 @@ impl MissionKeeper for Memo {
 
     fn set_emergency_stop(&mut self, latched: bool) -> Result<(), LinkError> {
         if self.is_full {
-            return Err(LinkError::StopNotKept);
+            return Err(LinkError::StopNotStored);
         }
         self.is_emergency_stopped = latched;
         Ok(())
@@ -366,36 +366,36 @@ pub struct Safe {
 }
 
 impl KeyStore for Safe {
-    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+    fn read(&mut self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
         if self.broken || self.damaged.is_some() {
-            return Err(NotKept);
+            return Err(NotStored);
         }
         self.kept.read(record, room)
     }
 
-    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
+    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotStored> {
         let key = self.damaged.as_ref().filter(|_| !self.broken);
-        let key = key.ok_or(NotKept)?;
+        let key = key.ok_or(NotStored)?;
         room.get_mut(..key.len())
-            .ok_or(NotKept)?
+            .ok_or(NotStored)?
             .copy_from_slice(key);
         Ok(key.len())
     }
 
     fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
-        self.damaged.take().ok_or(WriteError::NotKept)?;
+        self.damaged.take().ok_or(WriteError::NotStored)?;
         self.kept = Volatile::default();
-        self.write(KeyRecord::Key, key)
+        self.write(StoredKey::Key, key)
     }
 
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
+    fn write(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError> {
         if self.broken || self.damaged.is_some() {
-            return Err(WriteError::NotKept);
+            return Err(WriteError::NotStored);
         }
         self.writes += 1;
         self.kept.write(record, bytes)?;
         if self.doubtful {
-            Err(WriteError::NotKept)
+            Err(WriteError::NotStored)
         } else {
             Ok(())
         }
@@ -428,13 +428,13 @@ impl LinkPort for Wire {
         len
     }
 
-    fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
+    fn mission_store(&mut self) -> Option<&mut dyn MissionStore> {
         self.memory
             .is_there
-            .then_some(&mut self.memory as &mut dyn MissionKeeper)
+            .then_some(&mut self.memory as &mut dyn MissionStore)
     }
 
-    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
+    fn key_store(&mut self) -> Option<&mut dyn KeyStore> {
         self.safe.as_mut().map(|safe| safe as &mut dyn KeyStore)
     }
 }
@@ -452,7 +452,7 @@ pub struct Bench<'q, 'm, 'w> {
     pub background: Background<'q, 'm>,
     pub link: LinkSide<'q, 'm>,
     pub wire: Wire,
-    /// Whether slot-0 runs go on by themselves.
+    /// Whether background runs go on by themselves.
     pub background_runs: bool,
     /// Whether a task that was made ready before its time is executed as such, or looked up anew
     /// like all others.
@@ -470,7 +470,7 @@ pub struct Bench<'q, 'm, 'w> {
     /// Log bytes so far.
     pub log: Vec<u8>,
     /// News so far.
-    pub news: Vec<News>,
+    pub news: Vec<StatusEvent>,
     /// Values so far.
     pub values: Vec<Values>,
     /// Samples that the robot has dropped, as it says.
@@ -495,21 +495,21 @@ pub fn with_robot(test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
 pub fn with_robot_that_is<'a>(about: About<'a>, test: impl FnOnce(&mut Bench<'_, '_, '_>)) {
     let world = World::default();
     let mut toy = Toy {
-        source: Bank::new([Source {
+        source: TaskPool::new([Source {
             world: &world,
             count: 0,
         }]),
-        sink: Bank::new([Sink { world: &world }, Sink { world: &world }]),
-        hog: Bank::new([Hog { world: &world }, Hog { world: &world }]),
-        thinker: Bank::new([Thinker {
+        sink: TaskPool::new([Sink { world: &world }, Sink { world: &world }]),
+        hog: TaskPool::new([Hog { world: &world }, Hog { world: &world }]),
+        thinker: TaskPool::new([Thinker {
             world: &world,
             steps: 0,
         }]),
-        slot_monitor: Bank::new([SlotMonitor::default()]),
+        slot_monitor: TaskPool::new([SlotMonitor::default()]),
     };
     let mut banks = toy.banks();
     let mut memory = Memory::<BLOB_BYTES, 64, SLOTS, 6, 4, 1, 512>::new();
-    let mut mail = Mail::new();
+    let mut mail = Mailbox::new();
     let limits = Limits {
         overruns_in_a_row: 3,
         missed_in_a_row: 5,
@@ -522,7 +522,7 @@ pub fn with_robot_that_is<'a>(about: About<'a>, test: impl FnOnce(&mut Bench<'_,
             world: &world,
             motors_off: 0,
             fed: 0,
-            occurrences: vec![],
+            activations: vec![],
             off_at_exchanges: vec![],
             body: Ok(()),
             is_pressed: false,
@@ -558,7 +558,7 @@ pub enum Answer {
     Bytes(u32, Vec<u8>),
     Slot(SlotCounters),
     Task(TaskCounters),
-    LastWords(LastWords),
+    CrashReport(CrashReport),
     Hello(String, Access),
     Challenge {
         nonce: [u8; NONCE_BYTES],
@@ -595,7 +595,7 @@ impl Answer {
             Response::States { total, states, .. } => Answer::Bytes(total.into(), states.to_vec()),
             Response::Slot(counters) => Answer::Slot(counters),
             Response::TaskInstance(counters) => Answer::Task(counters),
-            Response::LastWords { words, .. } => Answer::LastWords(words),
+            Response::CrashReport { words, .. } => Answer::CrashReport(words),
             Response::BlackBox { end, records } => Answer::Bytes(end, records.to_vec()),
             Response::Challenge { nonce, counter } => Answer::Challenge { nonce, counter },
             Response::Identity(identity) => Answer::Identity(identity),
@@ -657,7 +657,7 @@ impl Bench<'_, '_, '_> {
                 FromDevice::Stream(stream) if stream.channel == esm_link::message::Channel::Log => {
                     self.log.extend(stream.bytes);
                 }
-                FromDevice::News(news) => self.news.push(news),
+                FromDevice::StatusEvent(news) => self.news.push(news),
                 FromDevice::Stream(stream)
                     if stream.channel == esm_link::message::Channel::Values =>
                 {
@@ -684,7 +684,7 @@ impl Bench<'_, '_, '_> {
                     while !bytes.is_empty() {
                         self.trace.push(format!(
                             "{:?}",
-                            TraceRecord::take(&mut bytes).expect("whole records")
+                            TraceEvent::take(&mut bytes).expect("whole records")
                         ));
                     }
                 }

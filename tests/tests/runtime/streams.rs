@@ -2,7 +2,7 @@
 
 use esm_link::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, decode, encode};
 use esm_link::message::{FromDevice, Mode, Request, ToDevice};
-use esm_link::news::{Cause, News};
+use esm_link::status_event::{Cause, StatusEvent};
 use esm_link::telemetry::MAX_VALUE_WORDS;
 
 use crate::counting;
@@ -198,7 +198,7 @@ fn a_client_that_never_reads_costs_no_slot_and_finds_the_robot_in_step() {
 fn news_tell_what_changes_and_how_it_is_each_period() {
     with_robot(|robot| {
         let watch = |news, period_ms| Request::Watch { news, period_ms };
-        let told = |news: &[News]| -> Vec<(u8, Cause, Mode)> {
+        let told = |news: &[StatusEvent]| -> Vec<(u8, Cause, Mode)> {
             news.iter()
                 .map(|news| (news.seq, news.cause, news.mode))
                 .collect()
@@ -240,7 +240,7 @@ fn news_tell_what_changes_and_how_it_is_each_period() {
             times.windows(2).all(|pair| pair[1] - pair[0] == 50_000),
             "{times:?}"
         );
-        assert_eq!(robot.news.last().unwrap().spoiled_frames, 1);
+        assert_eq!(robot.news.last().unwrap().corrupt_frames, 1);
         robot.news.clear();
 
         // A new session is told nothing that the one before wanted.

@@ -11,7 +11,7 @@
 //! | record | bytes |
 //! |---|---|
 //! | mission | `M`; 32 bits: length of the blob; the blob |
-//! | macro step | `S`; 32 bits: missed occurrences before it; 16 bits: changes; each 16 bits task instance, 16 bits what |
+//! | macro step | `S`; 32 bits: deadline misses before it; 16 bits: changes; each 16 bits task instance, 16 bits what |
 //! | end | `E` |
 //!
 //! What changes: 0 busy off, 1 busy on, 2 exit, 4 + 2 *f* + *v*: control flag *f* becomes *v*.

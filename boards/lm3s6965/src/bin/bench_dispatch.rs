@@ -30,7 +30,8 @@ use lm3s6965::{PINS, pac::Interrupt, settings};
 use rt_firmware::body::{Parts, StopPin};
 use rt_firmware::supervision::LINK_BOUND_US;
 use rt_firmware::{
-    Bank, Board, Io, Memory, OccurrenceStart, PortType, Step, Task, WithStopButton, registry, task,
+    ActivationStart, Board, Io, Memory, PortType, Step, Task, TaskPool, WithStopButton, registry,
+    task,
 };
 use semihosting::fd::AsFd;
 use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig};
@@ -164,11 +165,11 @@ impl Board for BenchBoard {
     }
 
     #[inline(always)]
-    fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
-        if occurrence.interpreter {
-            let since_ticks = (occurrence.start_us as u32).wrapping_mul(TICKS_PER_US);
+    fn begin_activation(&mut self, activation: &ActivationStart) -> Result<(), SafeReason> {
+        if activation.interpreter {
+            let since_ticks = (activation.start_us as u32).wrapping_mul(TICKS_PER_US);
             ORIGIN.store(
-                (occurrence.start_ticks as u32).wrapping_sub(since_ticks),
+                (activation.start_ticks as u32).wrapping_sub(since_ticks),
                 Relaxed,
             );
         }
@@ -520,12 +521,12 @@ registry! {
 impl Bench {
     fn new(_: Parts<'static>) -> Self {
         Self {
-            probe: Bank::new(array::from_fn(|_| Probe)),
-            two: Bank::new([const { Two }; PORTED]),
-            four: Bank::new([const { Four }; PORTED]),
-            spin: Bank::new([Spin]),
-            call: Bank::new([Call::default()]),
-            read: Bank::new([Read]),
+            probe: TaskPool::new(array::from_fn(|_| Probe)),
+            two: TaskPool::new([const { Two }; PORTED]),
+            four: TaskPool::new([const { Four }; PORTED]),
+            spin: TaskPool::new([Spin]),
+            call: TaskPool::new([Call::default()]),
+            read: TaskPool::new([Read]),
         }
     }
 }

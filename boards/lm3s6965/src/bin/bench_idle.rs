@@ -2,7 +2,7 @@
 //! `cargo xtask bench idle` runs and reads it.
 //!
 //! The task looks at the clock all the time. Two looks that are as close as its loop is long are
-//! its own time; what is longer was taken from it, by slots if an occurrence was begun meanwhile.
+//! its own time; what is longer was taken from it, by slots if an activation was begun meanwhile.
 //! First the link sleeps, so that slots and the rest can be told apart; then it works, and what it
 //! takes is the difference. An instruction takes 64 ns, as everywhere on this board
 //! (`-icount shift=6`).
@@ -27,7 +27,9 @@ use rt_firmware::tasks::{
     Back, BatteryMonitor, Cruise, Logger, Odometry, ProximityMonitor, SonarRing, Stop, Turn,
     WheelSpeed,
 };
-use rt_firmware::{Bank, Board, Io, OccurrenceStart, Step, Task, WithStopButton, registry, task};
+use rt_firmware::{
+    ActivationStart, Board, Io, Step, Task, TaskPool, WithStopButton, registry, task,
+};
 
 /// Rounds of looks at the clock in one step of the task.
 const ROUNDS: u32 = 200;
@@ -44,10 +46,10 @@ const QUIET_TICKS: u32 = 1_000_000 * TICKS_PER_US;
 /// See [`SETTLE_TICKS`].
 const LOUD_TICKS: u32 = 8_000_000 * TICKS_PER_US;
 
-/// Occurrences of slots that were begun.
-static OCCURRENCES: AtomicU32 = AtomicU32::new(0);
+/// Activations of slots that were begun.
+static ACTIVATIONS: AtomicU32 = AtomicU32::new(0);
 
-/// The default board, which counts occurrences.
+/// The default board, which counts activations.
 struct CountingBoard(SlotBoard);
 
 impl Board for CountingBoard {
@@ -57,9 +59,9 @@ impl Board for CountingBoard {
         self.0.now_ticks()
     }
 
-    fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
-        OCCURRENCES.store(OCCURRENCES.load(Relaxed).wrapping_add(1), Relaxed);
-        self.0.begin_occurrence(occurrence)
+    fn begin_activation(&mut self, activation: &ActivationStart) -> Result<(), SafeReason> {
+        ACTIVATIONS.store(ACTIVATIONS.load(Relaxed).wrapping_add(1), Relaxed);
+        self.0.begin_activation(activation)
     }
 
     fn feed_watchdog(&mut self) {
@@ -75,7 +77,7 @@ impl Board for CountingBoard {
 #[derive(Clone, Copy, Default)]
 struct Times {
     own: u32,
-    /// In interruptions in which an occurrence was begun.
+    /// In interruptions in which an activation was begun.
     slots: u32,
     rest: u32,
 }
@@ -106,7 +108,7 @@ struct Busy {
     /// What a look takes: the mean of the shortest round, which nothing has interrupted. Known when
     /// the first phase is over.
     look_ticks: Option<u32>,
-    occurrences: u32,
+    activations: u32,
 }
 
 task! {
@@ -128,11 +130,11 @@ impl Busy {
             return gap;
         }
         self.times.own += own;
-        let occurrences = OCCURRENCES.load(Relaxed);
-        if occurrences == self.occurrences {
+        let activations = ACTIVATIONS.load(Relaxed);
+        if activations == self.activations {
             self.times.rest += gap - own;
         } else {
-            self.occurrences = occurrences;
+            self.activations = activations;
             self.times.slots += gap - own;
         }
         gap
@@ -224,17 +226,17 @@ impl Idle {
     fn new(parts: Parts<'static>) -> Self {
         let hardware = RoverParts::from(parts).into_tasks();
         Self {
-            sonar_ring: Bank::new([hardware.sonar_ring]),
-            odometry: Bank::new([hardware.odometry]),
-            wheel_speed: Bank::new([hardware.wheel_speed]),
-            battery_monitor: Bank::new([hardware.battery_monitor]),
-            proximity_monitor: Bank::new([ProximityMonitor]),
-            cruise: Bank::new(array::from_fn(|_| Cruise)),
-            back: Bank::new(array::from_fn(|_| Back::default())),
-            turn: Bank::new(array::from_fn(|_| Turn::default())),
-            stop: Bank::new(array::from_fn(|_| Stop)),
-            logger: Bank::new([Logger]),
-            busy: Bank::new([Busy::default()]),
+            sonar_ring: TaskPool::new([hardware.sonar_ring]),
+            odometry: TaskPool::new([hardware.odometry]),
+            wheel_speed: TaskPool::new([hardware.wheel_speed]),
+            battery_monitor: TaskPool::new([hardware.battery_monitor]),
+            proximity_monitor: TaskPool::new([ProximityMonitor]),
+            cruise: TaskPool::new(array::from_fn(|_| Cruise)),
+            back: TaskPool::new(array::from_fn(|_| Back::default())),
+            turn: TaskPool::new(array::from_fn(|_| Turn::default())),
+            stop: TaskPool::new(array::from_fn(|_| Stop)),
+            logger: TaskPool::new([Logger]),
+            busy: TaskPool::new([Busy::default()]),
         }
     }
 }

@@ -28,7 +28,7 @@ use rt_firmware::tasks::{
     Back, BatteryMonitor, Cruise, FollowWall, Logger, Odometry, ProximityMonitor, RoundCorner,
     SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
 };
-use rt_firmware::{Bank, Board, Io, OccurrenceStart, Step, Task, registry, task};
+use rt_firmware::{ActivationStart, Board, Io, Step, Task, TaskPool, registry, task};
 
 /// Nanoseconds that an instruction takes.
 const INSTRUCTION_NS: u32 = 1 << 8;
@@ -69,9 +69,9 @@ impl Board for SwapBoard {
         now
     }
 
-    fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
+    fn begin_activation(&mut self, activation: &ActivationStart) -> Result<(), SafeReason> {
         // The first one of its mission.
-        if occurrence.interpreter && occurrence.number == 0 {
+        if activation.interpreter && activation.number == 0 {
             self.began_ticks = Some(self.asked_ticks);
         }
         Ok(())
@@ -153,20 +153,20 @@ impl Swap {
     fn new(parts: Parts<'static>) -> Self {
         let hardware = RoverParts::from(parts).into_tasks();
         Self {
-            sonar_ring: Bank::new([hardware.sonar_ring]),
-            odometry: Bank::new([hardware.odometry]),
-            wheel_speed: Bank::new([hardware.wheel_speed]),
-            battery_monitor: Bank::new([hardware.battery_monitor]),
-            proximity_monitor: Bank::new([ProximityMonitor]),
-            cruise: Bank::new(array::from_fn(|_| Cruise)),
-            back: Bank::new(array::from_fn(|_| Back::default())),
-            turn: Bank::new(array::from_fn(|_| Turn::default())),
-            follow_wall: Bank::new([FollowWall]),
-            round_corner: Bank::new([RoundCorner]),
-            stop: Bank::new(array::from_fn(|_| Stop)),
-            logger: Bank::new([Logger]),
-            slot_monitor: Bank::new([SlotMonitor::default()]),
-            watch: Bank::new([Watch::default()]),
+            sonar_ring: TaskPool::new([hardware.sonar_ring]),
+            odometry: TaskPool::new([hardware.odometry]),
+            wheel_speed: TaskPool::new([hardware.wheel_speed]),
+            battery_monitor: TaskPool::new([hardware.battery_monitor]),
+            proximity_monitor: TaskPool::new([ProximityMonitor]),
+            cruise: TaskPool::new(array::from_fn(|_| Cruise)),
+            back: TaskPool::new(array::from_fn(|_| Back::default())),
+            turn: TaskPool::new(array::from_fn(|_| Turn::default())),
+            follow_wall: TaskPool::new([FollowWall]),
+            round_corner: TaskPool::new([RoundCorner]),
+            stop: TaskPool::new(array::from_fn(|_| Stop)),
+            logger: TaskPool::new([Logger]),
+            slot_monitor: TaskPool::new([SlotMonitor::default()]),
+            watch: TaskPool::new([Watch::default()]),
         }
     }
 }

@@ -17,7 +17,7 @@ use rt_firmware::body::{
 };
 use rt_firmware::rover::RoverParts;
 use rt_firmware::tasks::{BatteryMonitor, Cruise, Odometry, SonarRing, Stop, Turn, WheelSpeed};
-use rt_firmware::{Bank, Io, Step, Task, registry, task};
+use rt_firmware::{Io, Step, Task, TaskPool, registry, task};
 
 /// Keeps the core busy for a time, whatever its instructions take.
 fn busy_us(duration_us: u32) {
@@ -55,7 +55,7 @@ impl Task for Overrun {
 }
 
 /// Masks all interrupts for a time, the slot timer's included; from slot 0, so that it is
-/// occurrences that are missed, not tasks that overrun.
+/// activations that are missed, not tasks that overrun.
 struct MaskInterrupts;
 
 task! {
@@ -93,15 +93,15 @@ impl Task for NeverReturn {
 }
 
 /// Never returns, and has no slot that would miss it.
-struct NeverReturnInSlot0;
+struct NeverReturnInBackground;
 
 task! {
-    impl NeverReturnInSlot0 {
+    impl NeverReturnInBackground {
         slot 0;
     }
 }
 
-impl Task for NeverReturnInSlot0 {
+impl Task for NeverReturnInBackground {
     fn step(&mut self, _io: &mut Io<'_>) -> Step {
         loop {
             cortex_m::asm::nop();
@@ -203,7 +203,7 @@ registry! {
         overrun: Overrun[2],
         mask_interrupts: MaskInterrupts[1],
         never_return: NeverReturn[1],
-        never_return_in_slot_0: NeverReturnInSlot0[1],
+        never_return_in_slot_0: NeverReturnInBackground[1],
         panic: Panic[1],
         undefined: Undefined[1],
         work: Work[1],
@@ -215,21 +215,21 @@ impl Faults {
     fn new(parts: Parts<'static>) -> Self {
         let hardware = RoverParts::from(parts).into_tasks();
         Self {
-            sonar_ring: Bank::new([hardware.sonar_ring]),
-            odometry: Bank::new([hardware.odometry]),
-            wheel_speed: Bank::new([hardware.wheel_speed]),
-            battery_monitor: Bank::new([hardware.battery_monitor]),
-            cruise: Bank::new([Cruise]),
-            turn: Bank::new([Turn::default()]),
-            stop: Bank::new([Stop]),
-            overrun: Bank::new(array::from_fn(|_| Overrun::default())),
-            mask_interrupts: Bank::new([MaskInterrupts]),
-            never_return: Bank::new([NeverReturn]),
-            never_return_in_slot_0: Bank::new([NeverReturnInSlot0]),
-            panic: Bank::new([Panic]),
-            undefined: Bank::new([Undefined]),
-            work: Bank::new([Work]),
-            work_meter: Bank::new([WorkMeter]),
+            sonar_ring: TaskPool::new([hardware.sonar_ring]),
+            odometry: TaskPool::new([hardware.odometry]),
+            wheel_speed: TaskPool::new([hardware.wheel_speed]),
+            battery_monitor: TaskPool::new([hardware.battery_monitor]),
+            cruise: TaskPool::new([Cruise]),
+            turn: TaskPool::new([Turn::default()]),
+            stop: TaskPool::new([Stop]),
+            overrun: TaskPool::new(array::from_fn(|_| Overrun::default())),
+            mask_interrupts: TaskPool::new([MaskInterrupts]),
+            never_return: TaskPool::new([NeverReturn]),
+            never_return_in_slot_0: TaskPool::new([NeverReturnInBackground]),
+            panic: TaskPool::new([Panic]),
+            undefined: TaskPool::new([Undefined]),
+            work: TaskPool::new([Work]),
+            work_meter: TaskPool::new([WorkMeter]),
         }
     }
 }

@@ -5,25 +5,25 @@ use std::collections::VecDeque;
 use esm_link::message::SafeReason;
 use rt_firmware::body::{Freshness, PinImage, PlantExchange, StopPin};
 use rt_firmware::drivers::StopButton;
-use rt_firmware::{Background, Board, OccurrenceStart};
+use rt_firmware::{ActivationStart, Background, Board};
 
 use crate::lockstep::plant_side::PlantSide;
 use esm_toolkit::recording::entered::Entered;
 
-/// Where runs of slot-0 tasks ended in an earlier run: mission and occurrence, in order.
+/// Where runs of background tasks ended in an earlier run: mission and activation, in order.
 pub(super) struct RecordedEnds(VecDeque<(u32, u64)>);
 
 impl RecordedEnds {
     pub(super) fn of(entered: &Entered) -> Self {
         let ends = entered.ends.iter();
-        RecordedEnds(ends.map(|end| (end.mission, end.occurrence)).collect())
+        RecordedEnds(ends.map(|end| (end.mission, end.activation)).collect())
     }
 }
 
 /// Time, pins and background of a host board. A tick of its clock is a microsecond.
 pub(super) struct Body<'p, 'q, 'm> {
     now_us: u64,
-    /// The board's time when robot time was 0; known from the first occurrence on.
+    /// The board's time when robot time was 0; known from the first activation on.
     robot_start_us: Option<u64>,
     pins: &'p PinImage,
     stop_button: StopButton<StopPin<'p>>,
@@ -71,8 +71,8 @@ impl<'p, 'q, 'm> Body<'p, 'q, 'm> {
         self.now_us = self.now_us.max(board_us);
     }
 
-    /// Gives slot-0 tasks the time that is left before the next slot, unless a recording says when
-    /// they end.
+    /// Gives background tasks the time that is left before the next slot, unless a recording says
+    /// when they end.
     pub(super) fn run_background(&mut self, steps: u32) {
         if self.ends.is_none() {
             for _ in 0..steps {
@@ -83,8 +83,8 @@ impl<'p, 'q, 'm> Body<'p, 'q, 'm> {
         }
     }
 
-    /// Ends the run that ended before this occurrence in the recording.
-    fn end_recorded_run(&mut self, occurrence: u64) {
+    /// Ends the run that ended before this activation in the recording.
+    fn end_recorded_run(&mut self, activation: u64) {
         let Some(RecordedEnds(ends)) = &mut self.ends else {
             return;
         };
@@ -93,7 +93,7 @@ impl<'p, 'q, 'm> Body<'p, 'q, 'm> {
         };
         while ends
             .front()
-            .is_some_and(|end| *end <= (mission, occurrence))
+            .is_some_and(|end| *end <= (mission, activation))
         {
             ends.pop_front();
             while self.background.poll() {}
@@ -108,13 +108,13 @@ impl Board for Body<'_, '_, '_> {
         self.now_us
     }
 
-    fn begin_occurrence(&mut self, occurrence: &OccurrenceStart) -> Result<(), SafeReason> {
-        let OccurrenceStart {
+    fn begin_activation(&mut self, activation: &ActivationStart) -> Result<(), SafeReason> {
+        let ActivationStart {
             number,
             start_us,
             previous_end_us,
             ..
-        } = *occurrence;
+        } = *activation;
         self.robot_start_us
             .get_or_insert(self.now_us.saturating_sub(start_us));
         if number == 0 {

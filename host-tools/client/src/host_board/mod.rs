@@ -22,8 +22,8 @@ use esm_link::message::{Capacities, Mode};
 use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::body::{Parts, PinImage};
 use rt_firmware::rover::PinRover;
-use rt_firmware::store::keep::{self, Keep};
-use rt_firmware::{About, Kept, Limits, Mail, Memory, RegistryFault, TaskBank, split};
+use rt_firmware::store::flash_store::{self, FlashStore};
+use rt_firmware::{About, AnyTaskPool, Limits, Mailbox, Memory, RegistryFault, RetainedRam, split};
 use thiserror::Error;
 
 use crate::lockstep::line::{self, BoardEnd, ClientEnd};
@@ -49,7 +49,7 @@ const NETS: usize = CAPACITIES.nets as usize;
 const GROUPS: usize = CAPACITIES.exclusive_groups as usize;
 
 /// Bytes of its flash, for missions and records.
-pub const FLASH_BYTES: u32 = keep::flash_bytes(BLOB_BYTES as u32, ERASE_BYTES as u32);
+pub const FLASH_BYTES: u32 = flash_store::flash_bytes(BLOB_BYTES as u32, ERASE_BYTES as u32);
 
 /// Room for the trace of many macro steps, should the reader be slow.
 const TRACE_BYTES: usize = 256 * 1024;
@@ -60,16 +60,16 @@ const STACK_BYTES: usize = 32 * 1024 * 1024;
 /// How long a board without anything to do waits for bytes.
 const IDLE_WAIT: Duration = Duration::from_millis(2);
 
-/// Steps of slot-0 tasks between two slots. One that needs more goes on after the slot, as on a
+/// Steps of background tasks between two slots. One that needs more goes on after the slot, as on a
 /// real board.
 const BACKGROUND_STEPS: u32 = 10_000;
 
 /// Makes a robot on the given pins and hands its banks to the runtime, which returns when the board
 /// ends.
-pub type RobotMaker = fn(Parts<'_>, &mut dyn FnMut(&mut [&mut (dyn TaskBank + '_)]));
+pub type RobotMaker = fn(Parts<'_>, &mut dyn FnMut(&mut [&mut (dyn AnyTaskPool + '_)]));
 
 /// The robot that ships.
-pub fn rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn TaskBank + '_)])) {
+pub fn rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn AnyTaskPool + '_)])) {
     run(&mut PinRover::new(parts.into()).banks());
 }
 
@@ -105,14 +105,14 @@ struct Shared {
     opens_for_mission: AtomicBool,
     /// The gate behind this one.
     next_gate_us: AtomicU64,
-    kept: Kept,
+    kept: RetainedRam,
 }
 
 const NO_GATE: u64 = u64::MAX;
 
 impl HostBoard {
     /// Starts a board with the tasks of `robot`, and `plant` behind its pins. Answers the other end
-    /// of its byte link. Runs of slot-0 tasks end where `replay` says, if it is given.
+    /// of its byte link. Runs of background tasks end where `replay` says, if it is given.
     ///
     /// # Errors
     /// [`HostBoardError`]
@@ -155,7 +155,7 @@ impl HostBoard {
             waits_at_gate: AtomicBool::new(false),
             opens_for_mission: AtomicBool::new(false),
             next_gate_us: AtomicU64::new(NO_GATE),
-            kept: Kept::new(),
+            kept: RetainedRam::new(),
         });
         let ends = replay.map(RecordedEnds::of);
         let (ready, started) = mpsc::channel();
@@ -236,7 +236,7 @@ impl Drop for HostBoard {
 
 /// The board's life: link, timer, background, in turn.
 fn run(
-    banks: &mut [&mut (dyn TaskBank + '_)],
+    banks: &mut [&mut (dyn AnyTaskPool + '_)],
     pins: &PinImage,
     plant: PlantSide,
     ends: Option<RecordedEnds>,
@@ -244,19 +244,25 @@ fn run(
     shared: &Shared,
     ready: &mpsc::Sender<Option<RegistryFault>>,
 ) {
-    let mut banks: Vec<&mut dyn TaskBank> = banks
+    let mut banks: Vec<&mut dyn AnyTaskPool> = banks
         .iter_mut()
-        .map(|bank| &mut **bank as &mut dyn TaskBank)
+        .map(|bank| &mut **bank as &mut dyn AnyTaskPool)
         .collect();
     let mut memory =
         Memory::<BLOB_BYTES, ARENA_WORDS, SLOTS, TASKS, NETS, GROUPS, TRACE_BYTES>::new();
-    let mut mail = Mail::new();
+    let mut mailbox = Mailbox::new();
     let about = About {
         reset: shared.kept.begin(None),
         kept: Some(&shared.kept),
         ..About::new(concat!("esm ", env!("CARGO_PKG_VERSION")), BOARD)
     };
-    let sides = split(&mut memory, &mut banks, &mut mail, about, Limits::default());
+    let sides = split(
+        &mut memory,
+        &mut banks,
+        &mut mailbox,
+        about,
+        Limits::default(),
+    );
     let (mut real_time, background, mut link) = match sides {
         Ok(sides) => sides,
         Err(fault) => {
@@ -267,9 +273,9 @@ fn run(
     };
     let flash = plant.flash(FLASH_BYTES);
     let _ = ready.send(None);
-    let mut records = [0; keep::RECORD_BYTES];
+    let mut records = [0; flash_store::RECORD_BYTES];
     // A flash of another size is none of this board.
-    let keep = Keep::open(flash, BLOB_BYTES as u32, None, &mut records).ok();
+    let keep = FlashStore::open(flash, BLOB_BYTES as u32, None, &mut records).ok();
     let keep = keep.map(|keep| keep.over_resets(&shared.kept));
     let mut port = Port::new(line, keep, link.stop_listener(), &shared.stop);
     link.start(&mut port);

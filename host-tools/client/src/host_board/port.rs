@@ -5,10 +5,10 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
-use esm_link::key_store::{KeyRecord, KeyStore, NotKept, WriteError};
+use esm_link::key_store::{KeyStore, NotStored, StoredKey, WriteError};
 use rt_firmware::body::line::{INTERVAL_US, LinePart, PART_BYTES};
-use rt_firmware::link::trial::MissionKeeper;
-use rt_firmware::store::keep::Keep;
+use rt_firmware::link::trial::MissionStore;
+use rt_firmware::store::flash_store::FlashStore;
 use rt_firmware::{LinkPort, StopListener};
 
 use super::log_lines;
@@ -56,27 +56,27 @@ pub(super) struct Port<'k> {
 
 /// What the board keeps.
 struct Safe<'k> {
-    keep: Option<Keep<'k, Flash>>,
+    keep: Option<FlashStore<'k, Flash>>,
 }
 
 impl KeyStore for Safe<'_> {
-    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
-        let keep = self.keep.as_mut().ok_or(NotKept)?;
+    fn read(&mut self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
+        let keep = self.keep.as_mut().ok_or(NotStored)?;
         keep.read_of_key(record, room)
     }
 
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
-        let keep = self.keep.as_mut().ok_or(NotKept)?;
+    fn write(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError> {
+        let keep = self.keep.as_mut().ok_or(NotStored)?;
         keep.write_of_key(record, bytes)
     }
 
-    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
-        let keep = self.keep.as_mut().ok_or(NotKept)?;
+    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotStored> {
+        let keep = self.keep.as_mut().ok_or(NotStored)?;
         keep.remembered_key(room)
     }
 
     fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
-        let keep = self.keep.as_mut().ok_or(NotKept)?;
+        let keep = self.keep.as_mut().ok_or(NotStored)?;
         keep.renew(key)
     }
 }
@@ -84,7 +84,7 @@ impl KeyStore for Safe<'_> {
 impl<'k> Port<'k> {
     pub(super) fn new(
         line: Line,
-        keep: Option<Keep<'k, Flash>>,
+        keep: Option<FlashStore<'k, Flash>>,
         listener: StopListener<'k>,
         stop: &'k AtomicBool,
     ) -> Self {
@@ -230,14 +230,14 @@ impl LinkPort for Port<'_> {
         log_lines::dropped()
     }
 
-    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
+    fn key_store(&mut self) -> Option<&mut dyn KeyStore> {
         match self.safe.keep {
             Some(_) => Some(&mut self.safe),
             None => None,
         }
     }
 
-    fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
+    fn mission_store(&mut self) -> Option<&mut dyn MissionStore> {
         self.safe.keep.as_mut().map(|keep| keep as _)
     }
 }

@@ -20,15 +20,15 @@ pub enum ClientError {
     #[error(
         "the robot did not answer `{request}` within {:.1} s; {}",
         waited.as_secs_f64(),
-        what_to_do(*spoiled_frames)
+        what_to_do(*corrupt_frames)
     )]
     NoReply {
         /// What was asked.
         request: &'static str,
         /// How long was waited in all.
         waited: Duration,
-        /// Frames that came spoiled meanwhile.
-        spoiled_frames: u64,
+        /// Frames that came corrupt meanwhile.
+        corrupt_frames: u64,
     },
     /// Whoever asked has had enough ([`LinkClient::stop_when`](super::LinkClient::stop_when)).
     #[error("`{request}` was interrupted")]
@@ -200,9 +200,9 @@ impl ClientError {
     }
 }
 
-/// What to do where nothing came of use, but so many spoiled frames.
-fn what_to_do(spoiled_frames: u64) -> String {
-    match spoiled_frames {
+/// What to do where nothing came of use, but so many corrupt frames.
+fn what_to_do(corrupt_frames: u64) -> String {
+    match corrupt_frames {
         0 => "is it switched on, and is the rate of its line right?".into(),
         1 => "one frame came, and it was spoiled; is the rate of the line right, and is its cable sound?".into(),
         frames => format!(
@@ -216,7 +216,7 @@ pub fn without(feature: Feature) -> &'static str {
     match feature {
         Feature::Record => "what enters its machine cannot be recorded",
         Feature::Log => "it keeps no log",
-        Feature::News => "it tells no news",
+        Feature::StatusEvent => "it tells no news",
         Feature::Params => "parameters are read and changed with a new mission alone",
         Feature::Warm => "each mission begins anew, without `--warm`",
         Feature::Keys => "it can have no key, and takes commands from anyone",
@@ -297,7 +297,7 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::EmergencyStopped => "an emergency stop is latched there; once its button is up, `esm start --release` ends it".into(),
         LinkError::StopCame => "a stop came meanwhile, and the robot stands still; if nobody needs that any more, `esm start` it again".into(),
         LinkError::Late => "it came to this later than you waited for it, and has not done it".into(),
-        LinkError::StopNotKept => "the emergency stop is as you want it, but the robot's flash did not take that: a loss of power undoes it".into(),
+        LinkError::StopNotStored => "the emergency stop is as you want it, but the robot's flash did not take that: a loss of power undoes it".into(),
         LinkError::NotOnTrial => "that mission is not on trial: it was confirmed, or given up; `esm status` says which runs".into(),
         LinkError::FlashRefused => "its flash did not take it; what was in it before is what it starts with".into(),
         LinkError::FlashBudget { s } => format!(
@@ -334,7 +334,7 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::NoChallenge => "the signature is of no use any more; try again".into(),
         LinkError::NoKey => "it has no key; `esm key install` gives it one".into(),
         LinkError::NoKeySupport => "its firmware has no room for a key".into(),
-        LinkError::NotKept => {
+        LinkError::NotStored => {
             "its memory for its key cannot be read, or did not take this; `esm key show --port` tells what holds now".into()
         }
         LinkError::NoSession => "it takes this from its owner's session alone; `--key FILE` names the key".into(),

@@ -1,40 +1,40 @@
 //! How bad a line is, as far as frames tell that passed or did not, and what chunks do best on it.
 //!
-//! If one byte in 1/r is spoiled, a frame of n bytes passes with the probability e^(-rn). A chunk
+//! If one byte in 1/r is corrupt, a frame of n bytes passes with the probability e^(-rn). A chunk
 //! of d bytes, in a frame of d + h, brings d·e^(-r(d+h)) in the time of d + h bytes, which is most
 //! where d² + h·d = h/r.
 
 /// Bytes of a chunk's frame beside its data, the delimiter in front included.
 pub(super) const OVERHEAD: usize = 12;
 
-/// What is taken for known of a line of which nothing is known: so many spoiled bytes of so many.
+/// What is taken for known of a line of which nothing is known: so many corrupt bytes of so many.
 /// It is good, and the first lost frame makes it look worse.
-const FIRST_SPOILED: f64 = 0.1;
+const FIRST_CORRUPT: f64 = 0.1;
 const FIRST_BYTES: f64 = 1_000.0;
 
 /// Older frames count less: a frame of so many bytes would make all before it forgotten.
 const MEMORY_BYTES: f64 = 1_000.0;
 
-/// Bytes of a good line for which at least one is taken for spoiled.
+/// Bytes of a good line for which at least one is taken for corrupt.
 const BEST_RATE: f64 = 1e-5;
 
 /// How often a line spoils a byte.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Loss {
-    spoiled: f64,
+    corrupt: f64,
     of_bytes: f64,
 }
 
 impl Loss {
     /// Of a line of which nothing is known.
     pub(super) const UNKNOWN: Loss = Loss {
-        spoiled: FIRST_SPOILED,
+        corrupt: FIRST_CORRUPT,
         of_bytes: FIRST_BYTES,
     };
 
-    /// Spoiled bytes by bytes.
+    /// Corrupt bytes by bytes.
     pub(super) fn rate(&self) -> f64 {
-        (self.spoiled / self.of_bytes).max(BEST_RATE)
+        (self.corrupt / self.of_bytes).max(BEST_RATE)
     }
 
     /// The probability that a chunk of so many bytes passes.
@@ -56,17 +56,17 @@ impl Loss {
         self.fade(frame_bytes(chunk));
     }
 
-    /// A chunk of so many bytes was lost: of its bytes one was spoiled, or more, as they are at
+    /// A chunk of so many bytes was lost: of its bytes one was corrupt, or more, as they are at
     /// this rate.
     pub(super) fn chunk_lost(&mut self, chunk: usize) {
         let expected = self.rate() * frame_bytes(chunk);
         self.fade(frame_bytes(chunk));
-        self.spoiled += expected / (1.0 - libm::exp(-expected));
+        self.corrupt += expected / (1.0 - libm::exp(-expected));
     }
 
     fn fade(&mut self, bytes: f64) {
         let rest = (1.0 - bytes / MEMORY_BYTES).max(0.0);
-        self.spoiled *= rest;
+        self.corrupt *= rest;
         self.of_bytes = self.of_bytes * rest + bytes;
     }
 }
@@ -87,7 +87,7 @@ mod tests {
         };
         for rate in [0.001, 0.01, 0.02, 0.05, 0.1, 0.2] {
             let line = Loss {
-                spoiled: rate,
+                corrupt: rate,
                 of_bytes: 1.0,
             };
             let best = line.best_chunk(500);

@@ -8,13 +8,13 @@
 
 /// Whether this defect is planted. Only tests have defects to plant: each must make them fail.
 #[cfg(test)]
-macro_rules! planted {
+macro_rules! mutant {
     ($bug:ident) => {
-        crate::link_client::planted::is_planted(crate::link_client::planted::Bug::$bug)
+        crate::link_client::mutants::is_mutant(crate::link_client::mutants::Bug::$bug)
     };
 }
 #[cfg(not(test))]
-macro_rules! planted {
+macro_rules! mutant {
     ($bug:ident) => {
         false
     };
@@ -25,7 +25,7 @@ mod log_frames;
 pub mod log_lines;
 mod loss;
 #[cfg(test)]
-mod planted;
+mod mutants;
 mod session;
 mod signing;
 mod streams;
@@ -41,8 +41,8 @@ use esm_link::black_box::{RECORD_BYTES, Record};
 use esm_link::features::{Feature, Features};
 use esm_link::frame::{self, DELIMITER, FrameReader, MAX_FRAME_BYTES};
 use esm_link::message::{
-    Capacities, Channel, DeviceInfo, FromDevice, LastWords, LinkError, PROTOCOL_VERSION,
-    PROVEN_HEAD_BYTES, Request, ResetReason, Response, SlotCounters, Status, Swap, TaskCounters,
+    Capacities, Channel, CrashReport, DeviceInfo, FromDevice, LinkError, PROTOCOL_VERSION,
+    PROVEN_HEADER_BYTES, Request, ResetReason, Response, SlotCounters, Status, Swap, TaskCounters,
     ToDevice, Uploads, version_in_hello,
 };
 
@@ -67,8 +67,8 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(2);
 /// How long an answer is waited for at least that takes the verification of a signature.
 const VERIFICATION_WAIT: Duration = Duration::from_millis(500);
 
-/// How long a reply is waited for when a spoiled frame came in its place.
-const SPOILED_WAIT: Duration = Duration::from_millis(10);
+/// How long a reply is waited for when a corrupt frame came in its place.
+const CORRUPT_WAIT: Duration = Duration::from_millis(10);
 
 /// How long a wait may last before it is looked whether it is to end.
 const STOP_LOOK: Duration = Duration::from_millis(100);
@@ -88,7 +88,7 @@ const MAX_BLOB_BYTES: u32 = 256 * 1024;
 /// What a task's declaration has at most, and what a type's fields have, as text, in bytes.
 const MAX_TEXT_BYTES: u32 = 16 * 1024;
 
-/// What a flight recorder holds at most, in records: a MiB of flash.
+/// What a black box holds at most, in records: a MiB of flash.
 const MAX_BLACK_BOX_RECORDS: usize = 1024 * 1024 / RECORD_BYTES;
 
 /// Those of a robot that has not said any.
@@ -205,7 +205,7 @@ impl Streams {
 pub struct LinkCounts {
     /// Requests that had to be sent again.
     pub retries: u64,
-    /// Frames from the robot that were spoiled.
+    /// Frames from the robot that were corrupt.
     pub bad_frames: u64,
     /// Bytes sent.
     pub bytes_sent: u64,
@@ -344,7 +344,7 @@ impl<L: ByteLink> LinkClient<L> {
             Response::Hello(info) => Some((info.protocol, RobotInfo::from(info))),
             _ => None,
         })?;
-        if protocol != PROTOCOL_VERSION && !planted!(OtherVersionAsked) {
+        if protocol != PROTOCOL_VERSION && !mutant!(OtherVersionAsked) {
             return Err(ClientError::OtherVersion { robot: protocol });
         }
         self.uploads = info.uploads;
@@ -442,7 +442,7 @@ impl<L: ByteLink> LinkClient<L> {
     /// Emergency stop: motors off, latched over missions and resets until [`LinkClient::release`].
     ///
     /// # Errors
-    /// [`ClientError`]; with the refusal [`LinkError::StopNotKept`] the motors are off all the
+    /// [`ClientError`]; with the refusal [`LinkError::StopNotStored`] the motors are off all the
     /// same.
     pub fn emergency_stop(&mut self) -> Result<(), ClientError> {
         self.ask_to_do(EMERGENCY_STOP.0, EMERGENCY_STOP.1)
@@ -468,12 +468,12 @@ impl<L: ByteLink> LinkClient<L> {
     ///
     /// # Errors
     /// [`ClientError`]
-    pub fn last_words(&mut self) -> Result<(LastWords, String), ClientError> {
+    pub fn crash_report(&mut self) -> Result<(CrashReport, String), ClientError> {
         self.ask(
             "last words",
-            Request::LastWords,
+            Request::CrashReport,
             |response| match response {
-                Response::LastWords { words, file } => {
+                Response::CrashReport { words, file } => {
                     Some((words, String::from_utf8_lossy(file).into_owned()))
                 }
                 _ => None,
@@ -481,7 +481,7 @@ impl<L: ByteLink> LinkClient<L> {
         )
     }
 
-    /// What the robot's flight recorder holds, oldest first. Records of kinds that this program
+    /// What the robot's black box holds, oldest first. Records of kinds that this program
     /// does not know are passed over.
     ///
     /// # Errors
@@ -689,7 +689,7 @@ impl<L: ByteLink> LinkClient<L> {
             let offset = u32::try_from(offset).ok()?;
             Some(Request::ReadBlob { offset })
         })?;
-        if has_its_checksum(&blob) || planted!(MixedBlobTaken) {
+        if has_its_checksum(&blob) || mutant!(MixedBlobTaken) {
             Ok(blob)
         } else {
             Err(ClientError::BadAnswer { request: NAME })
@@ -1018,7 +1018,7 @@ impl<L: ByteLink> LinkClient<L> {
     ) -> Result<T, ClientError> {
         let mut patience = Patience::new(self.clock.now());
         self.open_session_for(&request, &mut patience)?;
-        let longer = if is_kept(&request) && !planted!(FlashForgotten) {
+        let longer = if is_kept(&request) && !mutant!(FlashForgotten) {
             self.built_in()?.flash_time
         } else {
             Duration::ZERO
@@ -1027,7 +1027,7 @@ impl<L: ByteLink> LinkClient<L> {
         // It was on its way when the session ended.
         let mut may_be_done = false;
         loop {
-            let answer = if is_command(&request) && !planted!(DeadlineForgotten) {
+            let answer = if is_command(&request) && !mutant!(DeadlineForgotten) {
                 self.exchange_in_time(name, request, longer, &mut patience, &mut read)?
             } else if self.signing.is_for(&request) {
                 self.exchange_signed(name, request, NO_UPLOAD, longer, &mut patience, &mut read)?
@@ -1121,7 +1121,7 @@ impl<L: ByteLink> LinkClient<L> {
         // From here on, so that nobody gives up before that time.
         let mut patience = Patience::new(self.clock.now());
         let patience_us =
-            REQUEST_DEADLINE.as_micros() as u64 * if planted!(DeadlineTooFar) { 2 } else { 1 };
+            REQUEST_DEADLINE.as_micros() as u64 * if mutant!(DeadlineTooFar) { 2 } else { 1 };
         let request = Request::Within {
             by_us: now_us.saturating_add(patience_us),
             request: bytes,
@@ -1173,10 +1173,10 @@ impl<L: ByteLink> LinkClient<L> {
         self.incoming.other_version = None;
         self.incoming.has_asked_for_streams |= asks_for_streams(&request);
         let mut is_first = true;
-        // Sendings in a row of which nothing was heard: a line that brings spoiled frames is bad,
+        // Sendings in a row of which nothing was heard: a line that brings corrupt frames is bad,
         // and not slow.
         let mut attempt = 0;
-        // The longest that a spoiled frame took to come: until an answer was timed nothing better
+        // The longest that a corrupt frame took to come: until an answer was timed nothing better
         // is known.
         let mut heard_within = None;
         loop {
@@ -1208,8 +1208,8 @@ impl<L: ByteLink> LinkClient<L> {
                     // session before may still be on its way.
                     let is_old = request == Request::Hello
                         && !matches!(received.result, Ok(Response::Hello(_)))
-                        && !planted!(OldHelloTaken);
-                    let is_its_own = received.seq == frame.seq || planted!(StaleAnswerTaken);
+                        && !mutant!(OldHelloTaken);
+                    let is_its_own = received.seq == frame.seq || mutant!(StaleAnswerTaken);
                     if !is_its_own || is_old || answer.is_some() {
                         is_crowded |= !is_its_own && received.is_of(kind);
                         return;
@@ -1228,16 +1228,16 @@ impl<L: ByteLink> LinkClient<L> {
                     return Err(ClientError::OtherVersion { robot });
                 }
                 patience.look(self.clock.now());
-                let spoiled = self.incoming.bad_frames - bad_before;
-                patience.spoiled(spoiled);
-                if heard || spoiled > 0 {
+                let corrupt = self.incoming.bad_frames - bad_before;
+                patience.corrupt(corrupt);
+                if heard || corrupt > 0 {
                     patience.sign_of_life();
                 }
-                if spoiled > 0 {
+                if corrupt > 0 {
                     attempt = 0;
                     heard_within = heard_within.max(Some(self.clock.since(sent)));
                     // Most likely it was the answer.
-                    deadline = deadline.min(self.clock.now() + SPOILED_WAIT);
+                    deadline = deadline.min(self.clock.now() + CORRUPT_WAIT);
                 }
                 if is_crowded && may_compete {
                     // Somebody else has asked for the same and was answered. No second request of
@@ -1267,7 +1267,7 @@ impl<L: ByteLink> LinkClient<L> {
             }
             is_first = false;
             self.counts.retries += 1;
-            if planted!(Renumbered) {
+            if mutant!(Renumbered) {
                 return self.exchange(name, request, longer, patience, read);
             }
         }
@@ -1355,7 +1355,7 @@ impl Parts {
     fn take(&mut self, said: u32, part: &[u8]) -> Result<bool, ClientError> {
         let before = *self.total.get_or_insert(said);
         let total = said as usize;
-        let flaw = if said > self.most && !planted!(LengthBelieved) {
+        let flaw = if said > self.most && !mutant!(LengthBelieved) {
             Flaw::TooLong {
                 said: said.into(),
                 most: self.most.into(),
@@ -1524,10 +1524,15 @@ impl Incoming {
                     seq,
                     of,
                     result,
-                    proof: Some((proof, message.get(PROVEN_HEAD_BYTES..).unwrap_or_default())),
+                    proof: Some((
+                        proof,
+                        message.get(PROVEN_HEADER_BYTES..).unwrap_or_default(),
+                    )),
                 }),
                 Ok(_) if !self.has_asked_for_streams => {}
-                Ok(FromDevice::News(news)) => self.events.push(StreamEvent::News(news)),
+                Ok(FromDevice::StatusEvent(news)) => {
+                    self.events.push(StreamEvent::StatusEvent(news))
+                }
                 Ok(FromDevice::Stream(part)) => match part.channel {
                     Channel::Trace => self.trace.take(&part, &mut self.events),
                     Channel::Log => self.log.take(&part, &mut self.events),

@@ -61,7 +61,7 @@ impl Answer<'_> {
     /// tell.
     pub(super) fn is_of(&self, kind: u8) -> bool {
         let is_misunderstood = matches!(self.result, Err(LinkError::Malformed));
-        self.of == kind || self.of == UNKNOWN && is_misunderstood || planted!(OtherKindTaken)
+        self.of == kind || self.of == UNKNOWN && is_misunderstood || mutant!(OtherKindTaken)
     }
 }
 
@@ -80,9 +80,9 @@ impl Expected {
         match (self, answer.proof) {
             (Expected::Plain, None) => true,
             (Expected::Proven { session, number }, Some((proof, bytes))) => {
-                is_same(&proof, &session.of_answer(*number, bytes)) || planted!(ForgeryTaken)
+                is_same(&proof, &session.of_answer(*number, bytes)) || mutant!(ForgeryTaken)
             }
-            (Expected::Proven { .. }, None) => planted!(UnprovenTaken),
+            (Expected::Proven { .. }, None) => mutant!(UnprovenTaken),
             (Expected::Plain, Some(_)) => false,
         }
     }
@@ -104,7 +104,7 @@ impl Expected {
         .kind();
         matches!(self, Expected::Proven { .. })
             && answer.proof.is_none()
-            && !planted!(SessionEndIgnored)
+            && !mutant!(SessionEndIgnored)
             && matches!(
                 (answer.of, answer.result),
                 (PROVEN, Err(LinkError::NoSession | LinkError::WrongProof))

@@ -245,7 +245,7 @@ impl<L: ByteLink> LinkClient<L> {
                 let expected = key
                     .secret(salt)
                     .of_identity(&client, robot, salt, nonce, *counter);
-                let is_shown = is_same(proof, &expected) || planted!(IdentityBelieved);
+                let is_shown = is_same(proof, &expected) || mutant!(IdentityBelieved);
                 Some((identity, is_shown))
             };
             match self.exchange_frame(NAME, request, &frame, Duration::ZERO, patience, &mut read)? {
@@ -328,7 +328,7 @@ impl<L: ByteLink> LinkClient<L> {
     fn change_key(&mut self, name: &'static str, request: Request<'_>) -> Result<(), ClientError> {
         let changed = self.ask_to_do(name, request);
         let greeted = match &changed {
-            Err(error) if error.refusal() != Some(LinkError::NotKept) => Ok(()),
+            Err(error) if error.refusal() != Some(LinkError::NotStored) => Ok(()),
             _ => {
                 self.signing.end_session();
                 self.hello().map(drop)

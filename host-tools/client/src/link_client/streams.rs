@@ -2,20 +2,20 @@
 //! something is missing.
 
 use esm_link::message::{Channel, Stream};
-use esm_link::news::News;
 use esm_link::recording::Recorded;
+use esm_link::status_event::StatusEvent;
 use esm_link::telemetry::Sample;
-use esm_link::trace::{TraceError, TraceRecord};
+use esm_link::trace::{TraceError, TraceEvent};
 
 /// Something that a stream brought.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum StreamEvent {
-    /// Whole trace records, one behind the other, to be read with [`TraceRecord::take`].
+    /// Whole trace records, one behind the other, to be read with [`TraceEvent::take`].
     Trace(Vec<u8>),
     /// Bytes of the log.
     Log(Vec<u8>),
     /// How the robot is, since that changed or a period is over.
-    News(News),
+    StatusEvent(StatusEvent),
     /// Whole records of a recording, one behind the other, to be read with [`Recorded::take`].
     Record(Vec<u8>),
     /// Values that were on nets of the mission at the same time.
@@ -87,7 +87,7 @@ impl Waiting {
             StreamEvent::Values { .. } | StreamEvent::ValuesEnded { .. } => (Channel::Values, 1),
             StreamEvent::Gap { channel, missing } => (channel, missing),
             // The next ones tell how the robot is then.
-            StreamEvent::News(_) => return,
+            StreamEvent::StatusEvent(_) => return,
         };
         match self
             .left_out
@@ -119,7 +119,7 @@ fn bytes_of(event: &StreamEvent) -> usize {
             bytes.len()
         }
         StreamEvent::Values { words, .. } => size_of_val(words.as_slice()),
-        StreamEvent::News(_)
+        StreamEvent::StatusEvent(_)
         | StreamEvent::ValuesEnded { .. }
         | StreamEvent::LinesLost(_)
         | StreamEvent::Gap { .. } => 0,
@@ -253,7 +253,7 @@ fn sample(bytes: &[u8]) -> StreamEvent {
 fn take_one(channel: Channel, bytes: &mut &[u8]) -> Result<(), TraceError> {
     match channel {
         Channel::Record => Recorded::take(bytes).map(drop),
-        _ => TraceRecord::take(bytes).map(drop),
+        _ => TraceEvent::take(bytes).map(drop),
     }
 }
 
@@ -272,7 +272,7 @@ mod tests {
 
     fn record(micro_steps: u8) -> Vec<u8> {
         let mut bytes = Bytes(Vec::new());
-        TraceRecord::Same { micro_steps }.write(&mut bytes);
+        TraceEvent::Same { micro_steps }.write(&mut bytes);
         bytes.0
     }
 
@@ -380,8 +380,8 @@ mod tests {
         let head: Vec<u8> = (0..=u8::MAX)
             .map(|kind| [&[kind][..], &step].concat())
             .find(|bytes| {
-                let taken = TraceRecord::take(&mut &bytes[..]);
-                matches!(taken, Ok(TraceRecord::Step { .. }))
+                let taken = TraceEvent::take(&mut &bytes[..]);
+                matches!(taken, Ok(TraceEvent::Step { .. }))
             })
             .map(|bytes| [bytes[0], 1, 1, 0xff, 0xff, 0x03].to_vec())
             .unwrap();

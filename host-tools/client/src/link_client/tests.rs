@@ -1,6 +1,6 @@
 //! The client against the firmware's own end of the link, over lines that are good, bad, and cut.
 
-use super::planted::Waited;
+use super::mutants::Waited;
 use super::timing::REQUEST_DEADLINE;
 use super::*;
 use crate::flash::Flash;
@@ -506,7 +506,7 @@ fn parameters_that_were_saved_are_there_after_the_power_was_off() {
     assert_eq!(client.param(mission, index).unwrap(), of(0.15, None));
 }
 
-/// The mission that a robot started with, as soon as it runs: at the first occurrence of a slot.
+/// The mission that a robot started with, as soon as it runs: at the first activation of a slot.
 fn started<L: ByteLink>(client: &mut LinkClient<L>) -> u32 {
     let begun = Instant::now();
     loop {

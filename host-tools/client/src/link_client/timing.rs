@@ -82,10 +82,10 @@ pub(super) struct Patience {
     started: Instant,
     looked: Instant,
     spent: Duration,
-    /// Of that, since the last sign of life.
+    /// Of that, since the last heartbeat.
     silent: Duration,
-    /// Frames that came spoiled meanwhile.
-    spoiled_frames: u64,
+    /// Frames that came corrupt meanwhile.
+    corrupt_frames: u64,
 }
 
 impl Patience {
@@ -95,7 +95,7 @@ impl Patience {
             looked: now,
             spent: Duration::ZERO,
             silent: Duration::ZERO,
-            spoiled_frames: 0,
+            corrupt_frames: 0,
         }
     }
 
@@ -108,7 +108,7 @@ impl Patience {
     /// Counts what somebody else has counted meanwhile.
     pub(super) fn adopt(&mut self, other: Self) {
         self.count(other.spent, other.looked);
-        self.spoiled_frames += other.spoiled_frames;
+        self.corrupt_frames += other.corrupt_frames;
     }
 
     fn count(&mut self, time: Duration, now: Instant) {
@@ -117,12 +117,12 @@ impl Patience {
         self.silent += time;
     }
 
-    /// So many frames came spoiled.
-    pub(super) fn spoiled(&mut self, frames: u64) {
-        self.spoiled_frames += frames;
+    /// So many frames came corrupt.
+    pub(super) fn corrupt(&mut self, frames: u64) {
+        self.corrupt_frames += frames;
     }
 
-    /// A frame came, whole or spoiled.
+    /// A frame came, whole or corrupt.
     pub(super) fn sign_of_life(&mut self) {
         self.silent = Duration::ZERO;
     }
@@ -146,7 +146,7 @@ impl Patience {
         Err(ClientError::NoReply {
             request,
             waited: self.spent,
-            spoiled_frames: self.spoiled_frames,
+            corrupt_frames: self.corrupt_frames,
         })
     }
 }
@@ -197,7 +197,7 @@ impl Allowance {
         self.spent += passed.min(LONGEST_LOOK);
         self.looked = now;
         match self.limit {
-            Some(limit) if self.spent >= limit && !planted!(SlownessBorne) => {
+            Some(limit) if self.spent >= limit && !mutant!(SlownessBorne) => {
                 Err(ClientError::TooSlow { request, limit })
             }
             _ => Ok(()),

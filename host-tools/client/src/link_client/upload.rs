@@ -136,12 +136,12 @@ impl Standing {
         let mut most = 0.0;
         for (place, &(from, _)) in likely.iter().enumerate() {
             let mut to = self.len.min(from + length);
-            if !planted!(WindowOverrun) {
+            if !mutant!(WindowOverrun) {
                 to = to.min(window);
             }
             let bytes = to.saturating_sub(from);
             let is_too_much = under_way + bytes + OVERHEAD > self.frame_bytes_ahead();
-            if bytes == 0 || (is_too_much && !planted!(WindowOverrun)) {
+            if bytes == 0 || (is_too_much && !mutant!(WindowOverrun)) {
                 continue;
             }
             // Bytes that it brings if it passes.
@@ -178,7 +178,7 @@ impl Standing {
     fn accepts(&mut self, answer: &Answer<'_>) -> bool {
         let chunk = (self.sent.iter()).rfind(|chunk| chunk.seq == answer.seq);
         let Some(chunk) = chunk else {
-            return planted!(StaleChunkAnswerTaken);
+            return mutant!(StaleChunkAnswerTaken);
         };
         if chunk.expected.is_ended_by(answer) {
             self.forgotten = true;
@@ -196,8 +196,7 @@ impl Standing {
     ) -> Option<Instant> {
         // A number comes again after others, so that the last chunk of this one is meant.
         let Some(place) = self.sent.iter().rposition(|chunk| chunk.seq == seq) else {
-            if let (Ok(Response::Received { len }), true) =
-                (result, planted!(StaleChunkAnswerTaken))
+            if let (Ok(Response::Received { len }), true) = (result, mutant!(StaleChunkAnswerTaken))
             {
                 self.there = self.there.max(len as usize);
             }
@@ -206,13 +205,13 @@ impl Standing {
         };
         let there = match result {
             Ok(Response::Received { len }) => len as usize,
-            Err(LinkError::WrongOffset { .. }) if planted!(GapIgnored) => return None,
+            Err(LinkError::WrongOffset { .. }) if mutant!(GapIgnored) => return None,
             Err(LinkError::WrongOffset { expected }) => expected as usize,
             Err(LinkError::NoUpload) => {
-                self.forgotten = !planted!(LossForgotten);
+                self.forgotten = !mutant!(LossForgotten);
                 return None;
             }
-            // Noise whose checksum is right, once in four thousand million spoiled frames: as good
+            // Noise whose checksum is right, once in four thousand million corrupt frames: as good
             // as a lost chunk.
             Err(LinkError::Malformed) => self.there,
             Err(error) => {
@@ -221,7 +220,7 @@ impl Standing {
             }
             Ok(_) => return None,
         };
-        if there > self.len && !planted!(ClaimBelieved) {
+        if there > self.len && !mutant!(ClaimBelieved) {
             // More than there is: no robot says that.
             return None;
         }
@@ -322,7 +321,7 @@ impl<L: ByteLink> LinkClient<L> {
         if there > blob.len() {
             return Err(ClientError::BadAnswer { request: NAME });
         }
-        Ok(if planted!(ResumedElsewhere) {
+        Ok(if mutant!(ResumedElsewhere) {
             there + 1
         } else {
             there
@@ -376,9 +375,9 @@ impl<L: ByteLink> LinkClient<L> {
             })?;
             let now = self.clock.now();
             patience.look(now);
-            let spoiled = self.incoming.bad_frames - bad_before;
-            patience.spoiled(spoiled);
-            if heard || spoiled > 0 {
+            let corrupt = self.incoming.bad_frames - bad_before;
+            patience.corrupt(corrupt);
+            if heard || corrupt > 0 {
                 patience.sign_of_life();
                 attempt = 0;
             }

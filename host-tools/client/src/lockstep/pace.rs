@@ -99,7 +99,7 @@ impl Pace {
         self.robot_us.load(Relaxed)
     }
 
-    /// Number of slot occurrences so far. Whoever sees it stand still sees a board that does.
+    /// Number of slot activations so far. Whoever sees it stand still sees a board that does.
     pub fn exchanges(&self) -> u64 {
         self.exchanges.load(Relaxed)
     }

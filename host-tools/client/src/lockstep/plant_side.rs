@@ -150,7 +150,7 @@ impl PlantSide {
         }
     }
 
-    /// Exchanges in the time of interest: the slot occurrences that were executed, one each.
+    /// Exchanges in the time of interest: the slot activations that were executed, one each.
     pub fn exchanges(&self) -> u64 {
         self.lock().exchanges
     }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use rt_firmware::body::flash::ERASE_BYTES;
-use rt_firmware::store::keep::{self, Keep};
+use rt_firmware::store::flash_store::{self, FlashStore};
 use thiserror::Error;
 
 use crate::flash::Flash;
@@ -55,7 +55,7 @@ impl Board {
     pub fn flash_bytes(&self) -> u32 {
         let capacities = esm_toolkit::boards::find(self.name()).map(|board| board.capacities);
         let blob_bytes = capacities.map_or(0, |capacities| capacities.blob_bytes);
-        keep::flash_bytes(blob_bytes, ERASE_BYTES as u32)
+        flash_store::flash_bytes(blob_bytes, ERASE_BYTES as u32)
     }
 
     /// A flash without missions, for a run: a robot that has one of its own waits for the run's.
@@ -64,8 +64,8 @@ impl Board {
         let flash = Flash::blank(bytes);
         let blob_bytes =
             esm_toolkit::boards::find(self.name()).map_or(0, |board| board.capacities.blob_bytes);
-        let mut records = [0; keep::RECORD_BYTES];
-        if let Ok(mut keep) = Keep::open(flash.clone(), blob_bytes, None, &mut records) {
+        let mut records = [0; flash_store::RECORD_BYTES];
+        if let Ok(mut keep) = FlashStore::open(flash.clone(), blob_bytes, None, &mut records) {
             // Blank cells take it.
             let _ = keep.wait_for_host();
         }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use esm_link::features::Feature;
 use esm_link::message::{Channel, LinkError, Mode, Status, Swap};
-use esm_link::trace::TraceRecord;
+use esm_link::trace::TraceEvent;
 use thiserror::Error;
 
 use super::board::{Board, BoardError, LinkWay, RunningBoard};
@@ -29,7 +29,7 @@ use esm_toolkit::clean::counted;
 use esm_toolkit::counters::SlotReport;
 use esm_toolkit::plant::{BodyParameters, Plant, PlantError};
 use esm_toolkit::recording::entered::Entered;
-use esm_toolkit::recording::file::Head;
+use esm_toolkit::recording::file::Header;
 use esm_toolkit::recording::writer::{Counts, RecordingWriter};
 use esm_toolkit::schedule::handover::Handover;
 use esm_toolkit::world::World;
@@ -37,7 +37,7 @@ use esm_toolkit::world::World;
 /// How long a wait for the robot's next words may last.
 const LISTEN_TIME: Duration = Duration::from_millis(20);
 
-/// How long a robot whose time is over may take to say its last words.
+/// How long a robot whose time is over may take to say its crash report.
 const SILENCE_AT_END: Duration = Duration::from_millis(300);
 
 /// Where that time is the wall's: how often in a row it answers and has nothing else to say. On a
@@ -226,7 +226,7 @@ pub enum RunError {
     Recording(io::Error),
 }
 
-/// Whether the robot itself says what is wrong, so that nobody need guess from its last words.
+/// Whether the robot itself says what is wrong, so that nobody need guess from its crash report.
 fn is_told(cause: &ClientError) -> bool {
     matches!(
         cause,
@@ -356,7 +356,7 @@ impl<W: Write> Driver<W> {
         }
         let recording = match plan.record {
             Some(out) => {
-                let head = Head {
+                let head = Header {
                     board: info.board,
                     firmware: info.firmware,
                     program: concat!("esm ", env!("CARGO_PKG_VERSION")).to_owned(),
@@ -599,7 +599,7 @@ impl<W: Write> Driver<W> {
                     self.take_records(&records, watch)?;
                 }
                 // Nobody asked for them.
-                StreamEvent::News(_)
+                StreamEvent::StatusEvent(_)
                 | StreamEvent::Values { .. }
                 | StreamEvent::ValuesEnded { .. }
                 | StreamEvent::Gap {
@@ -721,8 +721,8 @@ impl<W: Write> Driver<W> {
     ) -> Result<(), RunError> {
         let mut rest = records;
         while !rest.is_empty() {
-            let record = TraceRecord::take(&mut rest).map_err(|_| RunError::BadTrace)?;
-            if let TraceRecord::Started { mission, start_us } = record {
+            let record = TraceEvent::take(&mut rest).map_err(|_| RunError::BadTrace)?;
+            if let TraceEvent::Started { mission, start_us } = record {
                 self.mission_starts(mission, start_us)?;
             }
             self.story
@@ -915,7 +915,7 @@ fn safe_mode(status: &Status) -> Option<String> {
 /// A recording of a run, with all of its missions.
 fn begin_recording(
     out: Box<dyn Write>,
-    head: Head,
+    head: Header,
     until_us: Option<u64>,
     missions: &[Planned],
 ) -> io::Result<RecordingWriter<Box<dyn Write>>> {

@@ -1,16 +1,16 @@
 //! What happened in a run, told as it happens and kept for afterwards: the trace, the words for the
-//! person who watches, the states for the picture, the ends of slot-0 runs. All of it comes from
-//! the robot's own records.
+//! person who watches, the states for the picture, the ends of background runs. All of it comes
+//! from the robot's own records.
 
 use std::io::{self, Write};
 use std::sync::Arc;
 
 use esm_link::message::SafeReason;
-use esm_link::trace::{EMERGENCY, TraceRecord};
+use esm_link::trace::{EMERGENCY, TraceEvent};
 use esm_link::trial::FallBackReason;
 
 use esm_toolkit::pictures::{Mark, MissionStates, StatesRecorder};
-use esm_toolkit::recording::file::RunEnd;
+use esm_toolkit::recording::file::BackgroundRunEnd;
 use esm_toolkit::trace::Snapshot;
 use esm_toolkit::trace::directory::Directory;
 use esm_toolkit::trace::records::{Ended, RecordTrace};
@@ -21,7 +21,7 @@ pub struct Story<W> {
     scene: Scene<W>,
     missions: Vec<MissionStates>,
     marks: Vec<Mark>,
-    ends: Vec<RunEnd>,
+    ends: Vec<BackgroundRunEnd>,
     counts: Counts,
     fault: Option<String>,
     /// Robot time at which the mission that runs had reached all its final states.
@@ -65,8 +65,8 @@ pub struct Told<W> {
     pub missions: Vec<MissionStates>,
     /// What happened at single moments.
     pub marks: Vec<Mark>,
-    /// Where slot-0 runs ended.
-    pub ends: Vec<RunEnd>,
+    /// Where background runs ended.
+    pub ends: Vec<BackgroundRunEnd>,
     /// What it had how often.
     pub counts: Counts,
     /// What stopped the last mission, if anything did.
@@ -135,14 +135,14 @@ impl<W: Write> Story<W> {
     /// When the trace cannot be written.
     pub fn record(
         &mut self,
-        record: &TraceRecord<'_>,
+        record: &TraceEvent<'_>,
         tell: &mut dyn FnMut(String),
     ) -> io::Result<()> {
         let Scene::Playing(playing) = &mut self.scene else {
             return Ok(());
         };
         let at_us = match *record {
-            TraceRecord::Step { step, .. } | TraceRecord::Fault { step, .. } => {
+            TraceEvent::Step { step, .. } | TraceEvent::Fault { step, .. } => {
                 playing.robot_us_of(step)
             }
             _ => playing.robot_us_of(playing.next_step),
@@ -155,7 +155,7 @@ impl<W: Write> Story<W> {
         }
         let time = at_us as f64 / 1e6;
         match *record {
-            TraceRecord::Transition {
+            TraceEvent::Transition {
                 region_instance,
                 transition,
                 ..
@@ -175,15 +175,15 @@ impl<W: Write> Story<W> {
                     ));
                 }
             }
-            TraceRecord::JobEnded {
+            TraceEvent::BackgroundRunEnded {
                 task_instance,
-                occurrence,
-            } => self.ends.push(RunEnd {
+                activation,
+            } => self.ends.push(BackgroundRunEnd {
                 mission: playing.index,
-                occurrence,
+                activation,
                 task_instance,
             }),
-            TraceRecord::Overrun {
+            TraceEvent::Overrun {
                 task_instance,
                 took_us,
             } => {
@@ -192,12 +192,12 @@ impl<W: Write> Story<W> {
                     "{time:>9.3} s  {task} took {took_us} us, longer than its slot"
                 ));
             }
-            TraceRecord::Missed { slot, count } => {
+            TraceEvent::DeadlineMiss { slot, count } => {
                 tell(format!(
                     "{time:>9.3} s  {count} occurrences of the slot at place {slot} were missed"
                 ));
             }
-            TraceRecord::MotorsOff { reason } => {
+            TraceEvent::MotorsOff { reason } => {
                 let why = motors_off_reason(reason);
                 tell(format!("{time:>9.3} s  motors off: {why}"));
                 self.marks.push(Mark {
@@ -205,7 +205,7 @@ impl<W: Write> Story<W> {
                     label: format!("motors off: {why}"),
                 });
             }
-            TraceRecord::FellBack { reason, .. } => {
+            TraceEvent::FellBack { reason, .. } => {
                 let why =
                     FallBackReason::from_number(reason).map_or(UNKNOWN_REASON, fall_back_reason);
                 tell(format!("{time:>9.3} s  falls back: {why}"));
@@ -214,11 +214,11 @@ impl<W: Write> Story<W> {
                     label: format!("falls back: {why}"),
                 });
             }
-            TraceRecord::Started { .. }
-            | TraceRecord::Step { .. }
-            | TraceRecord::Same { .. }
-            | TraceRecord::Fault { .. }
-            | TraceRecord::JobStarted { .. } => {}
+            TraceEvent::Started { .. }
+            | TraceEvent::Step { .. }
+            | TraceEvent::Same { .. }
+            | TraceEvent::Fault { .. }
+            | TraceEvent::BackgroundRunStarted { .. } => {}
         }
         match playing.trace.record(record)? {
             Some(Ended::Step(at)) => {
@@ -339,7 +339,7 @@ pub fn safe_reason(reason: SafeReason) -> &'static str {
         SafeReason::EventQueueOverflow => "the machine sent more events than its queue holds",
         SafeReason::MacroStepLimit => "a macro step of the machine had no end",
         SafeReason::Overruns => "tasks took longer than their slots too often",
-        SafeReason::Missed => "too many slots were missed in a row",
+        SafeReason::DeadlineMiss => "too many slots were missed in a row",
         SafeReason::BodyLost => "the robot's body does not answer",
         SafeReason::LowBattery => "the battery is low",
         SafeReason::LinkLost => "the host has not called for too long",

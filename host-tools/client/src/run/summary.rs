@@ -34,13 +34,13 @@ pub struct Summary {
     pub macro_steps: u64,
     /// Transitions taken.
     pub transitions: u64,
-    /// Slot occurrences that were executed.
+    /// Slot activations that were executed.
     pub slots_executed: u64,
-    /// Slot occurrences that did not start within their period.
+    /// Slot activations that did not start within their period.
     pub slots_missed: u64,
     /// Task executions that took longer than their slot.
     pub overruns: u64,
-    /// Longest time from the nominal start of an occurrence to its first instruction, in
+    /// Longest time from the nominal start of an activation to its first instruction, in
     /// nanoseconds.
     pub longest_dispatch_delay_ns: u32,
     /// The deepest that the stack was, in bytes; `None` where the board does not tell.
@@ -70,7 +70,7 @@ pub struct MissionSummary {
     /// Time that its upload took on the clock of the line, in seconds: the wall's, or that of the
     /// plant exchange.
     pub upload_s: f64,
-    /// Slot occurrences missed from the upload's first byte to the first macro step.
+    /// Slot activations missed from the upload's first byte to the first macro step.
     pub slots_missed_in_upload: u64,
     /// What the robot counted of its slots: up to the end of the run, or to where the upload of the
     /// next mission began.

@@ -13,7 +13,7 @@ use esm_toolkit::model::{
     Task, Trigger, Value,
 };
 use esm_toolkit::recording::entered::Entered;
-use esm_toolkit::recording::file::RunEnd;
+use esm_toolkit::recording::file::BackgroundRunEnd;
 use esm_toolkit::world::World;
 
 /// A port of the rover that wants values of the last five periods, and does without.
@@ -217,8 +217,8 @@ fn a_mission_takes_over_at_its_time_and_a_replay_is_the_same_run() {
     let again = carried_out(plan(missions(), Some(entered.clone())));
     assert_eq!(first.told.out, again.told.out);
     assert_eq!(again.entered, entered);
-    let late = |end: &RunEnd| RunEnd {
-        occurrence: end.occurrence + 7,
+    let late = |end: &BackgroundRunEnd| BackgroundRunEnd {
+        activation: end.activation + 7,
         ..*end
     };
     let mut other = entered;

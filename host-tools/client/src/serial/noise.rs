@@ -69,7 +69,7 @@ impl<L: ByteLink> Noisy<L> {
     }
 
     fn spoil(&mut self, bytes: &[u8]) -> Vec<u8> {
-        let mut spoiled = Vec::with_capacity(bytes.len() + 1);
+        let mut corrupt = Vec::with_capacity(bytes.len() + 1);
         for &byte in bytes {
             let Noise {
                 corrupted,
@@ -82,15 +82,15 @@ impl<L: ByteLink> Noisy<L> {
             }
             let lot = lot - dropped;
             if lot < corrupted {
-                spoiled.push(byte ^ (1 << (self.random.next() % 8)));
+                corrupt.push(byte ^ (1 << (self.random.next() % 8)));
                 continue;
             }
-            spoiled.push(byte);
+            corrupt.push(byte);
             if lot - corrupted < doubled {
-                spoiled.push(byte);
+                corrupt.push(byte);
             }
         }
-        spoiled
+        corrupt
     }
 }
 
@@ -111,8 +111,8 @@ impl<L: ByteLink> ByteLink for Noisy<L> {
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let spoiled = self.spoil(bytes);
-        self.link.send(&spoiled)
+        let corrupt = self.spoil(bytes);
+        self.link.send(&corrupt)
     }
 
     fn clock(&self) -> Clock {
@@ -168,10 +168,10 @@ mod tests {
         let doubled = heard_over(only(0, 0, one_percent), &sent);
         assert!(near(doubled.len(), 20_200), "{}", doubled.len());
         let corrupted = heard_over(only(one_percent, 0, 0), &sent);
-        let spoiled = corrupted.iter().filter(|&&byte| byte != 0x55).count();
+        let corrupt = corrupted.iter().filter(|&&byte| byte != 0x55).count();
         assert!(
-            near(spoiled, 200) && corrupted.len() == sent.len(),
-            "{spoiled}"
+            near(corrupt, 200) && corrupted.len() == sent.len(),
+            "{corrupt}"
         );
         assert_eq!(corrupted, heard_over(only(one_percent, 0, 0), &sent));
     }

@@ -48,7 +48,7 @@ pub fn chart(timetable: &Timetable, columns: usize) -> String {
         .unwrap_or(1)
         .max(1);
     let cells = (cells / periods).max(1) * periods;
-    let occurrences = timetable.occurrences(window.start_us, window.end_us());
+    let activations = timetable.activations(window.start_us, window.end_us());
     let scale = Scale {
         from_us: window.start_us,
         length_us: window.length_us.max(1),
@@ -63,7 +63,7 @@ pub fn chart(timetable: &Timetable, columns: usize) -> String {
         }
     }
     let mut shares = vec![vec![0; cells]; rows.len()];
-    for one in &occurrences {
+    for one in &activations {
         if let Some(shares) = of_row.get(one.slot).and_then(|&row| shares.get_mut(row)) {
             let [from_us, to_us] =
                 [one.start_us, one.end_us].map(|us| u64::try_from(us).unwrap_or(0));
@@ -71,7 +71,7 @@ pub fn chart(timetable: &Timetable, columns: usize) -> String {
         }
     }
     let mut free = vec![0; cells];
-    for gap in gaps(&occurrences, window.start_us, window.end_us()) {
+    for gap in gaps(&activations, window.start_us, window.end_us()) {
         scale.add(
             gap.start_us,
             gap.start_us.saturating_add(gap.length_us),

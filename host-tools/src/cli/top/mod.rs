@@ -28,7 +28,7 @@ use crate::reading::{Reader, Tasks};
 use crate::run::interrupt::Interrupt;
 use report::TopReport;
 use view::{Key, View};
-use watch::{News, Watch};
+use watch::{Change, Watch};
 
 /// The shortest time between two readings; an answer takes the robot some milliseconds.
 const SHORTEST_INTERVAL: Duration = Duration::from_millis(50);
@@ -109,12 +109,12 @@ impl Shown for Following {
         self.view.set_time(self.started.elapsed());
         while let Some(news) = self.watch.news().map_err(CommandError::World)? {
             match news {
-                News::Read(reading, nets) => {
+                Change::Read(reading, nets) => {
                     self.view.take(*reading);
                     self.view.take_nets(nets);
                 }
-                News::Found(robot) => self.view.found(robot),
-                News::Lost(why) => self.view.lost(why),
+                Change::Found(robot) => self.view.found(robot),
+                Change::Lost(why) => self.view.lost(why),
             }
         }
         Ok(KEY_WAIT)

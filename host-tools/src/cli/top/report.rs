@@ -39,9 +39,9 @@ pub struct TopReport {
     pub t_ns: u64,
     /// Robot time: since the robot started.
     pub robot_ns: u64,
-    /// Occurrences of all slots executed since the mission started.
+    /// Activations of all slots executed since the mission started.
     pub slots_executed: u32,
-    /// Occurrences of all slots missed since the robot started.
+    /// Activations of all slots missed since the robot started.
     pub slots_missed: u32,
     /// Overruns of all slots since the robot started.
     pub overruns: u32,
@@ -49,7 +49,7 @@ pub struct TopReport {
     pub longest_dispatch_delay_ns: u32,
     /// Trace records dropped since the robot started.
     pub trace_dropped: u32,
-    /// Whether a slot-0 task is under way.
+    /// Whether a background task is under way.
     pub slot_0_busy: bool,
     /// The most bytes of stack in use since the robot started, where its board measures it.
     pub deepest_stack_bytes: Option<u32>,

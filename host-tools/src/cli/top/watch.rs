@@ -18,7 +18,7 @@ use crate::values::{Catalogue, Subscription, Text, Told, ValuesError, Watched};
 const RETRY_WAIT: Duration = Duration::from_secs(1);
 
 /// What came from the robot.
-pub enum News {
+pub enum Change {
     /// A reading, and what is on the nets of the mission.
     Read(Box<Reading>, Vec<NetRow>),
     /// The robot is there again, and says this of itself.
@@ -29,7 +29,7 @@ pub enum News {
 
 /// A robot that is read again and again, until this is dropped.
 pub struct Watch {
-    news: Receiver<News>,
+    news: Receiver<Change>,
     /// Index of the slot whose tasks are of interest. Its end ends the thread.
     wanted: Sender<usize>,
 }
@@ -59,7 +59,7 @@ impl Watch {
     ///
     /// # Errors
     /// Nothing will come any more.
-    pub fn news(&self) -> anyhow::Result<Option<News>> {
+    pub fn news(&self) -> anyhow::Result<Option<Change>> {
         match self.news.try_recv() {
             Ok(news) => Ok(Some(news)),
             Err(TryRecvError::Empty) => Ok(None),
@@ -76,7 +76,7 @@ fn watch(
     robot: Robot,
     interval: Duration,
     wishes: &Receiver<usize>,
-    teller: &Sender<News>,
+    teller: &Sender<Change>,
 ) {
     let mut robot = Some(robot);
     let mut reader = Reader::default();
@@ -86,11 +86,11 @@ fn watch(
         let began = Instant::now();
         let news = match &mut robot {
             Some(found) => match read(&mut reader, &mut nets, found, slot, interval) {
-                Ok(reading) => News::Read(Box::new(reading), nets.rows()),
+                Ok(reading) => Change::Read(Box::new(reading), nets.rows()),
                 Err(error) => {
                     // Its line is closed before it is opened again.
                     robot = None;
-                    News::Lost(error.to_string())
+                    Change::Lost(error.to_string())
                 }
             },
             None => match port.connect_quietly() {
@@ -99,15 +99,15 @@ fn watch(
                     // A session begins without values.
                     nets = Nets::default();
                     robot = Some(found);
-                    News::Found(info)
+                    Change::Found(info)
                 }
-                Err(error) => News::Lost(error.to_string()),
+                Err(error) => Change::Lost(error.to_string()),
             },
         };
         let wait = match &news {
-            News::Read(..) => interval.saturating_sub(began.elapsed()),
-            News::Found(_) => Duration::ZERO,
-            News::Lost(_) => RETRY_WAIT,
+            Change::Read(..) => interval.saturating_sub(began.elapsed()),
+            Change::Found(_) => Duration::ZERO,
+            Change::Lost(_) => RETRY_WAIT,
         };
         if teller.send(news).is_err() {
             return;

@@ -30,7 +30,7 @@ pub enum Change {
 /// What comes before a macro step, and the step itself.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Input {
-    /// Occurrences that are left out before it.
+    /// Activations that are left out before it.
     pub missed: u32,
     /// What tasks do, by task instance.
     pub changes: Vec<(usize, Change)>,
@@ -84,7 +84,7 @@ pub struct Subject<'b> {
     machine: Machine,
     /// Per task instance, its flags that it sets itself.
     outputs: Vec<Vec<usize>>,
-    /// Occurrences after which every timeout is over.
+    /// Activations after which every timeout is over.
     all_timeouts: u32,
     period_us: u64,
 }

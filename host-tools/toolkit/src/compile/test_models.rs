@@ -262,8 +262,8 @@ pub fn cd_player() -> Model {
 }
 
 /// A machine that uses everything that a blob can hold: nested instances of one container,
-/// parameters, nets over container borders, exclusive groups, slot-0 tasks, guards of all kinds,
-/// visibility with gaps.
+/// parameters, nets over container borders, exclusive groups, background tasks, guards of all
+/// kinds, visibility with gaps.
 pub fn everything() -> Model {
     let mut drive = task(
         "Drive",

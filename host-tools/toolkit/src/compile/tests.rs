@@ -779,7 +779,7 @@ fn entering_resets_and_leaving_disables() {
     machine.steps(1);
     assert_eq!(machine.active(), "0(10");
     assert_eq!(machine.interpreter.enabled_words(), [0b110]);
-    // A slot-0 task goes on though its state is left.
+    // A background task goes on though its state is left.
     machine.interpreter.set_flag(control, 0, true);
     machine.steps(1);
     assert_eq!(machine.active(), "10");

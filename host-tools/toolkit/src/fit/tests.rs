@@ -7,7 +7,7 @@ use esm_link::message::{
     Capacities, Capacity, FromDevice, LinkError, MAX_CHUNK, Request, Swap, ToDevice,
 };
 use rt_firmware::{
-    About, Bank, Io, Limits, LinkPort, Mail, Memory, Step, Task, registry, split, task,
+    About, Io, Limits, LinkPort, Mailbox, Memory, Step, Task, TaskPool, registry, split, task,
 };
 
 use super::*;
@@ -104,13 +104,13 @@ impl LinkPort for Wire {
 /// Uploads a blob to a robot that has just started; gives its refusal.
 fn upload(blob: &[u8]) -> Result<(), LinkError> {
     let mut toy = Toy {
-        give: Bank::new([const { Give }; 12]),
-        take: Bank::new([const { Take }; 12]),
-        rest: Bank::new([const { Rest }; 12]),
+        give: TaskPool::new([const { Give }; 12]),
+        take: TaskPool::new([const { Take }; 12]),
+        rest: TaskPool::new([const { Rest }; 12]),
     };
     let mut banks = toy.banks();
     let mut memory = Memory::<BLOB_BYTES, ARENA_WORDS, SLOTS, TASKS, NETS, GROUPS, 512>::new();
-    let mut mail = Mail::new();
+    let mut mail = Mailbox::new();
     let about = About::new("toy 0.1", "small");
     let (mut real_time, _, mut link) =
         split(&mut memory, &mut banks, &mut mail, about, Limits::default()).unwrap();

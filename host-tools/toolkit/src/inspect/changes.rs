@@ -61,7 +61,7 @@ pub struct Changes {
 
 /// What of a mission that runs goes on after a warm swap to another.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct CarryOver {
+pub struct Migration {
     /// Paths of the current states that go on.
     pub goes_on: Vec<String>,
     /// Paths of the regions that will be active and start at `initial`.
@@ -313,7 +313,7 @@ fn paths(report: &Report) -> BTreeMap<String, String> {
     paths.collect()
 }
 
-impl CarryOver {
+impl Migration {
     /// What goes on of a mission whose region instances are in these states (none where they are
     /// not active), by the rules of [`Interpreter::take_over`](esm_core::Interpreter::take_over).
     ///
@@ -334,7 +334,7 @@ impl CarryOver {
             })
             .collect();
         let path_of = |id| old.state(id).map(|state| state.path.clone());
-        let mut carried = CarryOver::default();
+        let mut carried = Migration::default();
         let mut waiting = vec![None];
         while let Some(owner) = waiting.pop() {
             for region in new.regions_of(owner) {
@@ -408,7 +408,7 @@ mod tests {
     use super::*;
     use crate::compile::compile;
     use crate::lang;
-    use esm_core::{Interpreter, Pairing};
+    use esm_core::{Interpreter, StateMapping};
     use std::time::Duration;
 
     fn blob(text: &str) -> Verified<Vec<u8>> {
@@ -469,7 +469,7 @@ mod tests {
             old.macro_step(&mut ()).unwrap();
         }
         let current = |region| old.is_region_active(region).then(|| old.current(region));
-        let carried = CarryOver::between(&old_tables.tables(), current, &new_tables.tables());
+        let carried = Migration::between(&old_tables.tables(), current, &new_tables.tables());
         let carried = carried.unwrap();
         assert_eq!(carried.goes_on, ["r/B"]);
         assert_eq!(carried.starts_anew, ["fresh"]);
@@ -479,10 +479,10 @@ mod tests {
             "goes on: r/B\nstarts anew: fresh\nends: old/X\n"
         );
         let mut table = [0; 64];
-        let mut pairing = Pairing::new(&mut table);
-        let found = pairing.find(&new_tables.tables(), &old_tables.tables(), |_| 0);
+        let mut mapping = StateMapping::new(&mut table);
+        let found = mapping.find(&new_tables.tables(), &old_tables.tables(), |_| 0);
         found.unwrap();
-        let taken_over = new.take_over(&old, &pairing);
+        let taken_over = new.take_over(&old, &mapping);
         assert_eq!((taken_over.regions, taken_over.anew), (1, 1));
     }
 }

@@ -6,7 +6,7 @@
 //! line that has a time of its own). Everything else follows from the missions, the world and the
 //! seed.
 
-use crate::recording::file::RunEnd;
+use crate::recording::file::BackgroundRunEnd;
 
 /// What entered a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -17,6 +17,6 @@ pub struct Entered {
     pub missions: Vec<u32>,
     /// Robot time of the first macro step of each, in microseconds.
     pub starts_us: Vec<u64>,
-    /// Where runs of slot-0 tasks ended, in order.
-    pub ends: Vec<RunEnd>,
+    /// Where runs of background tasks ended, in order.
+    pub ends: Vec<BackgroundRunEnd>,
 }

@@ -19,7 +19,7 @@
 //! | 2 | mission | its name: text; its blob to the end of the content, which is known by its hash, the blob's last four bytes |
 //! | 3 | records | whole records, with more macro steps in their counts than a robot's |
 //! | 4 | gap | how many records or parts did not come: number |
-//! | 5 | ends of slot-0 runs of a simulated run | three numbers each: which mission in the order of the run, slot occurrence, task instance |
+//! | 5 | ends of background runs of a simulated run | three numbers each: which mission in the order of the run, slot activation, task instance |
 //! | 6 | end | macro steps of the last mission that the recording holds, counted from its beginning: number |
 //!
 //! What is of another kind is passed over.
@@ -60,7 +60,7 @@ mod kind {
 
 /// Where a recording comes from.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Head {
+pub struct Header {
     /// Name of the board.
     pub board: String,
     /// Name and version of its firmware.
@@ -71,13 +71,13 @@ pub struct Head {
     pub seed: Option<u64>,
 }
 
-/// The end of a run of a slot-0 task.
+/// The end of a run of a background task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RunEnd {
+pub struct BackgroundRunEnd {
     /// The mission's number in the order of the run, from 0.
     pub mission: u32,
-    /// Number of the slot occurrence, counted from the mission's start, at which it was taken in.
-    pub occurrence: u64,
+    /// Number of the slot activation, counted from the mission's start, at which it was taken in.
+    pub activation: u64,
     /// The task state.
     pub task_instance: u16,
 }
@@ -86,7 +86,7 @@ pub struct RunEnd {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Frame {
     /// Where it comes from.
-    Head(Head),
+    Header(Header),
     /// A mission that ran.
     Mission {
         /// Its name.
@@ -98,8 +98,8 @@ pub enum Frame {
     Records(Vec<u8>),
     /// So many records or parts did not come.
     Gap(u32),
-    /// Ends of slot-0 runs of a simulated run.
-    Ends(Vec<RunEnd>),
+    /// Ends of background runs of a simulated run.
+    Ends(Vec<BackgroundRunEnd>),
     /// How many macro steps of the last mission belong to the recording.
     End(u64),
 }
@@ -212,7 +212,7 @@ impl Frame {
     fn content(&self) -> (u8, Vec<u8>) {
         let mut bytes = Vec::new();
         let kind = match self {
-            Frame::Head(head) => {
+            Frame::Header(head) => {
                 for text in [&head.board, &head.firmware, &head.program] {
                     push_text(&mut bytes, text);
                 }
@@ -235,7 +235,7 @@ impl Frame {
             Frame::Ends(ends) => {
                 for end in ends {
                     push_number(&mut bytes, end.mission.into());
-                    push_number(&mut bytes, end.occurrence);
+                    push_number(&mut bytes, end.activation);
                     push_number(&mut bytes, end.task_instance.into());
                 }
                 kind::ENDS
@@ -255,7 +255,7 @@ impl Frame {
     fn read(kind: u8, content: &[u8]) -> Result<Option<Frame>, ()> {
         let mut rest = content;
         let frame = match kind {
-            kind::HEAD => Self::read_head(&mut rest).map(Frame::Head),
+            kind::HEAD => Self::read_head(&mut rest).map(Frame::Header),
             kind::MISSION => take_text(&mut rest).map(|name| {
                 let blob = std::mem::take(&mut rest).to_vec();
                 Frame::Mission { name, blob }
@@ -272,8 +272,8 @@ impl Frame {
         }
     }
 
-    fn read_head(rest: &mut &[u8]) -> Option<Head> {
-        Some(Head {
+    fn read_head(rest: &mut &[u8]) -> Option<Header> {
+        Some(Header {
             board: take_text(rest)?,
             firmware: take_text(rest)?,
             program: take_text(rest)?,
@@ -285,12 +285,12 @@ impl Frame {
         })
     }
 
-    fn read_ends(rest: &mut &[u8]) -> Option<Vec<RunEnd>> {
+    fn read_ends(rest: &mut &[u8]) -> Option<Vec<BackgroundRunEnd>> {
         let mut ends = Vec::new();
         while !rest.is_empty() {
-            ends.push(RunEnd {
+            ends.push(BackgroundRunEnd {
                 mission: take_number(rest)?,
-                occurrence: take_number(rest)?,
+                activation: take_number(rest)?,
                 task_instance: take_number(rest)?,
             });
         }
@@ -328,14 +328,14 @@ pub fn read(bytes: &[u8]) -> Result<(Vec<Frame>, FileEnd), FileError> {
         }
         match take_frame(&mut rest) {
             Ok(Some(frame)) => {
-                if frames.is_empty() && !matches!(frame, Frame::Head(_)) {
+                if frames.is_empty() && !matches!(frame, Frame::Header(_)) {
                     break FileEnd::Damaged { at };
                 }
                 frames.push(frame);
             }
             Ok(None) => {}
-            Err(Spoiled::Cut) => break FileEnd::Cut { at },
-            Err(Spoiled::Damaged) => break FileEnd::Damaged { at },
+            Err(Corrupt::Cut) => break FileEnd::Cut { at },
+            Err(Corrupt::Damaged) => break FileEnd::Damaged { at },
         }
     };
     if frames.is_empty() {
@@ -344,16 +344,16 @@ pub fn read(bytes: &[u8]) -> Result<(Vec<Frame>, FileEnd), FileError> {
     Ok((frames, end))
 }
 
-enum Spoiled {
+enum Corrupt {
     Cut,
     Damaged,
 }
 
 /// What became of a frame that ends behind the file: it was broken off, or a bit of its length was
 /// changed.
-fn cut_or_damaged(frame: &[u8]) -> Spoiled {
+fn cut_or_damaged(frame: &[u8]) -> Corrupt {
     let Some(([kind, length @ ..], _)) = frame.split_first_chunk::<KIND_AND_LENGTH_BYTES>() else {
-        return Spoiled::Cut;
+        return Corrupt::Cut;
     };
     let is_whole_with = |length: u32| {
         let checked_and_crc = frame.split_at_checked(KIND_AND_LENGTH_BYTES + length as usize);
@@ -367,20 +367,20 @@ fn cut_or_damaged(frame: &[u8]) -> Spoiled {
     let length = u32::from_le_bytes(*length);
     let mut changed = (0..=MAX_CONTENT_BYTES.ilog2()).map(|bit| length ^ 1 << bit);
     if changed.any(is_whole_with) {
-        Spoiled::Damaged
+        Corrupt::Damaged
     } else {
-        Spoiled::Cut
+        Corrupt::Cut
     }
 }
 
-fn take_frame(rest: &mut &[u8]) -> Result<Option<Frame>, Spoiled> {
+fn take_frame(rest: &mut &[u8]) -> Result<Option<Frame>, Corrupt> {
     let whole = *rest;
     let Some(([kind, length @ ..], _)) = whole.split_first_chunk::<KIND_AND_LENGTH_BYTES>() else {
-        return Err(Spoiled::Cut);
+        return Err(Corrupt::Cut);
     };
     let length = u32::from_le_bytes(*length) as usize;
     if length > MAX_CONTENT_BYTES {
-        return Err(Spoiled::Damaged);
+        return Err(Corrupt::Damaged);
     }
     let (Some((checked, behind)), Some(content)) = (
         whole.split_at_checked(KIND_AND_LENGTH_BYTES + length),
@@ -392,8 +392,8 @@ fn take_frame(rest: &mut &[u8]) -> Result<Option<Frame>, Spoiled> {
         return Err(cut_or_damaged(whole));
     };
     if u32::from_le_bytes(*crc) != checksum(checked) {
-        return Err(Spoiled::Damaged);
+        return Err(Corrupt::Damaged);
     }
     *rest = behind;
-    Frame::read(*kind, content).map_err(|()| Spoiled::Damaged)
+    Frame::read(*kind, content).map_err(|()| Corrupt::Damaged)
 }

@@ -7,7 +7,7 @@ use esm_link::recording::{write_changes, write_quiet, write_started, write_state
 use esm_link::trace::RecordSink;
 
 use super::condense::MAX_KEPT_QUIET;
-use super::file::{self, Frame, Head};
+use super::file::{self, Frame, Header};
 #[cfg(test)]
 use super::limits::Limits;
 use super::player::Recording;
@@ -64,7 +64,7 @@ impl Planted {
     pub fn new() -> Self {
         let mut bytes = Vec::new();
         file::write_mark(&mut bytes).unwrap();
-        Planted(bytes).with(&Frame::Head(Head::default()))
+        Planted(bytes).with(&Frame::Header(Header::default()))
     }
 
     fn with(mut self, frame: &Frame) -> Self {

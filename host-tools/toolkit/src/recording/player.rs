@@ -8,7 +8,7 @@ use std::sync::Arc;
 use esm_core::{Fault, Interpreter, Observer, Progress, TransitionTaken, Verified};
 use thiserror::Error;
 
-use super::file::{self, FileEnd, FileError, Frame, Head, RunEnd};
+use super::file::{self, BackgroundRunEnd, FileEnd, FileError, Frame, Header};
 use super::limits::{Limits, TooMuch};
 use super::stretch::{Beginning, Change, Input, Stretch, Stretches, time_of};
 use crate::mission_hash::hash_text;
@@ -20,13 +20,13 @@ use crate::trace::{Lines, Step, TraceWriter};
 #[derive(Debug)]
 pub struct Recording {
     /// Where it comes from.
-    pub head: Head,
+    pub head: Header,
     /// Its missions.
     pub missions: Vec<RecordedMission>,
     /// What ran, in order.
     pub stretches: Vec<Stretch>,
-    /// Ends of slot-0 runs of a simulated run.
-    pub ends: Vec<RunEnd>,
+    /// Ends of background runs of a simulated run.
+    pub ends: Vec<BackgroundRunEnd>,
     /// How the file ends.
     pub end: FileEnd,
     /// Bytes of records.
@@ -95,7 +95,7 @@ impl Recording {
     pub(super) fn read_within(bytes: &[u8], limits: Limits) -> Result<Self, RecordingError> {
         let (frames, end) = file::read(bytes)?;
         let mut recording = Recording {
-            head: Head::default(),
+            head: Header::default(),
             missions: Vec::new(),
             stretches: Vec::new(),
             ends: Vec::new(),
@@ -111,7 +111,7 @@ impl Recording {
                 .frame(&frame)
                 .map_err(|_| RecordingError::BadRecords)?;
             match frame {
-                Frame::Head(head) => recording.head = head,
+                Frame::Header(head) => recording.head = head,
                 Frame::Mission { name, blob } => {
                     if recording.has(&blob) {
                         continue;

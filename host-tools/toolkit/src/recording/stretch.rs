@@ -106,7 +106,7 @@ impl Stretches {
                 self.gap = true;
             }
             Frame::End(steps) => self.end(*steps),
-            Frame::Head(_) | Frame::Mission { .. } | Frame::Ends(_) => {}
+            Frame::Header(_) | Frame::Mission { .. } | Frame::Ends(_) => {}
         }
         Ok(())
     }

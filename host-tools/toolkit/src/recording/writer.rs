@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use esm_link::recording::{MAX_QUIET, Recorded, write_quiet};
 
 use super::condense::{Condenser, Missions, Runnable, Sink};
-use super::file::{self, Frame, Head, RunEnd};
+use super::file::{self, BackgroundRunEnd, Frame, Header};
 
 /// Records are written to the file when they are this many bytes…
 const FRAME_BYTES: usize = 1024;
@@ -96,9 +96,9 @@ impl<W: Write> RecordingWriter<W> {
     ///
     /// # Errors
     /// Whatever `out` has.
-    pub fn new(mut out: W, head: Head, until_us: Option<u64>) -> io::Result<Self> {
+    pub fn new(mut out: W, head: Header, until_us: Option<u64>) -> io::Result<Self> {
         file::write_mark(&mut out)?;
-        Frame::Head(head).write(&mut out)?;
+        Frame::Header(head).write(&mut out)?;
         out.flush()?;
         Ok(RecordingWriter {
             out,
@@ -290,11 +290,11 @@ impl<W: Write> RecordingWriter<W> {
         self.write(&Frame::Gap(missing))
     }
 
-    /// Notes where slot-0 runs ended in a simulated run.
+    /// Notes where background runs ended in a simulated run.
     ///
     /// # Errors
     /// Whatever the file has.
-    pub fn ends(&mut self, ends: &[RunEnd]) -> io::Result<()> {
+    pub fn ends(&mut self, ends: &[BackgroundRunEnd]) -> io::Result<()> {
         self.flush()?;
         self.write_quiet()?;
         self.write(&Frame::Ends(ends.to_vec()))

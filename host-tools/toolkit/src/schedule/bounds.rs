@@ -73,7 +73,7 @@ const MAX_LOOKS: u64 = 1 << 23;
 ///
 /// Two slots do not overlap if and only if they do not overlap modulo the greatest common divisor
 /// of their periods; then they do not overlap modulo any multiple of it either. So slots whose
-/// common divisors, pair by pair, all divide one number W have one occurrence each in a circle of
+/// common divisors, pair by pair, all divide one number W have one activation each in a circle of
 /// W, side by side: their durations must sum up to at most W. Pairs are the smallest case.
 pub(super) fn windows(slots: &[SlotSpec], clock: &mut Clock) -> Option<Infeasibility> {
     let mut by_period: BTreeMap<u64, Vec<&SlotSpec>> = BTreeMap::new();

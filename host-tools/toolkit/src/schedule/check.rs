@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::{SlotSpec, gcd};
 
-/// Two slots of which some occurrences overlap, by index, or one whose start is out of its range
+/// Two slots of which some activations overlap, by index, or one whose start is out of its range
 /// (then both are that one).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Clash {
@@ -75,7 +75,7 @@ struct Occurring {
 }
 
 impl Occurring {
-    /// Whether no occurrences of two slots overlap whose periods have this greatest common divisor:
+    /// Whether no activations of two slots overlap whose periods have this greatest common divisor:
     /// the theorem of Korst, Aarts and Lenstra. Asked the other way round, it says the same, but
     /// where both start at once: there one without duration fits before the other, and not behind
     /// it.

@@ -1,7 +1,7 @@
 //! Slots spread over frames: proofs for periods that need not divide each other.
 //!
-//! Take a slot of the shortest period B. Between two of its occurrences there is a frame, and every
-//! occurrence of every other slot lies within one frame. A slot of period T = p/q · B (in lowest
+//! Take a slot of the shortest period B. Between two of its activations there is a frame, and every
+//! activation of every other slot lies within one frame. A slot of period T = p/q · B (in lowest
 //! terms) starts in one of p parts of length B/q of p frames, its *residue* r, and again after T:
 //! so it is in the frames ⌊(r + k·p)/q⌋ modulo p, for 0 ≤ k < q. Where B divides T, that is every
 //! p-th frame. Slots with p₁ and p₂ frames are together in a frame if and only if one of the frames
@@ -502,10 +502,10 @@ mod tests {
         for number in 2..9 {
             let (frames, turns) = CLASSES[random.index(CLASSES.len())];
             let (residue, duration_us) = (random.below(frames), 1 + random.below(9));
-            let mut occurrence = residue;
-            while occurrence < FRAMES * turns {
-                loads[(occurrence / turns) as usize] += duration_us;
-                occurrence += frames;
+            let mut activation = residue;
+            while activation < FRAMES * turns {
+                loads[(activation / turns) as usize] += duration_us;
+                activation += frames;
             }
             slots.push((number, FRAME_US * frames / turns, duration_us));
         }

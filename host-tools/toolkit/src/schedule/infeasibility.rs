@@ -42,7 +42,7 @@ pub enum Infeasibility {
         /// Number of the longest of them.
         longest: u32,
     },
-    /// Slots that have no start times beside each other: every order of their occurrences was tried
+    /// Slots that have no start times beside each other: every order of their activations was tried
     /// or ruled out.
     Orders {
         /// Their numbers: none of them can be left out.

@@ -5,7 +5,7 @@
 //!   utilisation is shared out by UUniFast (Bini, Buttazzo 2005), durations are whole steps of 10
 //!   us, none longer than half the shortest period. Whether there is a schedule nobody knows.
 //! - **Planted** ones are cut from a full time line: a stretch that comes again with a period is
-//!   cut in two, or its occurrences go to several slots by turns. So there is a schedule, and at
+//!   cut in two, or its activations go to several slots by turns. So there is a schedule, and at
 //!   100 % nothing is left over in it; for less, slots are made shorter.
 //! - **Links**: messages on a serial line of 115,200 baud, as long as their bytes take.
 //! - **Tables**: the tasks of a loop, each every so many ticks, odd numbers among them; little load
@@ -295,7 +295,7 @@ fn cut(periods_us: &[(u32, u64)], count: usize, percent: u32, random: &mut Rando
     pieces
 }
 
-/// Among how many slots, at most `most`, the occurrences of a stretch can go by turns.
+/// Among how many slots, at most `most`, the activations of a stretch can go by turns.
 fn turns(
     periods_us: &[(u32, u64)],
     period_us: u32,

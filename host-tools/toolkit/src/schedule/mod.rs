@@ -1,9 +1,9 @@
 //! Start times of the slots: search, proof, check.
 //!
 //! Slots are strictly periodic and never preempt each other: slot i with period T_i and duration
-//! C_i needs one start s_i with 0 ≤ s_i < T_i such that no two occurrences of any slots ever
+//! C_i needs one start s_i with 0 ≤ s_i < T_i such that no two activations of any slots ever
 //! overlap. Two slots i, j fit if and only if, with g = gcd(T_i, T_j), C_i ≤ (s_j − s_i) mod g ≤ g
-//! − C_j (Korst, Aarts, Lenstra). Nothing here ever lists the occurrences of a hyperperiod.
+//! − C_j (Korst, Aarts, Lenstra). Nothing here ever lists the activations of a hyperperiod.
 //!
 //! ```
 //! use esm_toolkit::schedule::{Limit, Outcome, SlotSpec, check, solve};

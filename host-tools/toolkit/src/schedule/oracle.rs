@@ -1,4 +1,4 @@
-//! Whether small sets of slots have a schedule, by laying every occurrence out: slow, and obviously
+//! Whether small sets of slots have a schedule, by laying every activation out: slow, and obviously
 //! right. The search is held against it.
 
 use std::time::Duration;
@@ -9,7 +9,7 @@ use super::{Infeasibility, Outcome, SlotSpec, check, exceeds_one, hyperperiod_us
 /// One bit a microsecond of the hyperperiod.
 type Occupied = Vec<u64>;
 
-/// Whether there are starts with which no occurrences of any slots overlap: all starts of all slots
+/// Whether there are starts with which no activations of any slots overlap: all starts of all slots
 /// are tried, one slot after another.
 pub(super) fn has_schedule(slots: &[SlotSpec]) -> bool {
     let hyperperiod_us = hyperperiod_us(slots).expect("small periods") as usize;
@@ -68,7 +68,7 @@ fn is_equal(a: &SlotSpec, b: &SlotSpec) -> bool {
     (a.period_us, a.duration_us) == (b.period_us, b.duration_us)
 }
 
-/// Marks every microsecond of every occurrence. Gives whether all were free.
+/// Marks every microsecond of every activation. Gives whether all were free.
 fn occupy(occupied: &mut Occupied, slot: &SlotSpec, start_us: u32, hyperperiod_us: usize) -> bool {
     for begin in
         (start_us as usize..hyperperiod_us + start_us as usize).step_by(slot.period_us as usize)

@@ -1,7 +1,7 @@
 //! Orders: an exact search for a few slots of any periods.
 //!
 //! For two slots i and j with g = gcd(Tᵢ, Tⱼ), the difference sⱼ − sᵢ lies in one of the stretches
-//! from Cᵢ + k·g to (k + 1)·g − Cⱼ, k whole: *which* says in what order their occurrences come.
+//! from Cᵢ + k·g to (k + 1)·g − Cⱼ, k whole: *which* says in what order their activations come.
 //! Once k is chosen for each pair, what is left are bounds of differences, and whether these agree
 //! is a question of shortest paths (Bellman; Dechter, Meiri and Pearl 1991). So the search chooses
 //! stretches, keeps the tightest bounds of all differences, and moves bounds that lie between two

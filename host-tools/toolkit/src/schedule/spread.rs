@@ -17,9 +17,9 @@ use super::{SlotSpec, gcd, hyperperiod_us};
 /// The most frames of a hyperperiod.
 const MAX_FRAMES: u64 = 1 << 16;
 
-/// The most occurrences of all slots in a hyperperiod, those of the shortest period left out: they
+/// The most activations of all slots in a hyperperiod, those of the shortest period left out: they
 /// are in every frame.
-const MAX_OCCURRENCES: u64 = 1 << 18;
+const MAX_ACTIVATIONS: u64 = 1 << 18;
 
 /// The most stretches on the circle of a period.
 const MAX_STRETCHES: u64 = 1 << 14;
@@ -38,7 +38,7 @@ pub(super) struct Loads {
 }
 
 impl Loads {
-    /// The loads of a schedule. `None` where there are too many frames or occurrences, or periods
+    /// The loads of a schedule. `None` where there are too many frames or activations, or periods
     /// have little in common.
     pub(super) fn of(slots: &[SlotSpec], starts_us: &[u32]) -> Option<Self> {
         let shortest_us = slots.iter().map(|slot| slot.period_us).min()?.into();
@@ -47,13 +47,13 @@ impl Loads {
         });
         let hyperperiod_us = hyperperiod_us(slots)?;
         let frames = hyperperiod_us.checked_div(frame_us)?;
-        let occurrences: u64 = slots
+        let activations: u64 = slots
             .iter()
             .filter(|slot| u64::from(slot.period_us) > shortest_us)
             .map(|slot| hyperperiod_us / u64::from(slot.period_us))
             .sum();
         if frames > MAX_FRAMES
-            || occurrences > MAX_OCCURRENCES
+            || activations > MAX_ACTIVATIONS
             || frame_us * MAX_PARTS < shortest_us
         {
             return None;

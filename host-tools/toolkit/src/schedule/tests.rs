@@ -31,13 +31,13 @@ type CheckCase<'c> = (&'c [SlotSpec], &'c [u32], Result<(), Clash>);
 
 const LIMIT: Duration = Duration::from_secs(20);
 
-/// Whether occurrences overlap, found by laying all of a hyperperiod out.
+/// Whether activations overlap, found by laying all of a hyperperiod out.
 fn overlaps(slots: &[SlotSpec], starts_us: &[u32]) -> bool {
     let hyperperiod = hyperperiod_us(slots).expect("small periods");
     let mut taken = vec![false; hyperperiod as usize];
     for (slot, &start_us) in slots.iter().zip(starts_us) {
-        for occurrence in 0..hyperperiod / u64::from(slot.period_us) {
-            let begin = occurrence * u64::from(slot.period_us) + u64::from(start_us);
+        for activation in 0..hyperperiod / u64::from(slot.period_us) {
+            let begin = activation * u64::from(slot.period_us) + u64::from(start_us);
             for at in begin..begin + u64::from(slot.duration_us) {
                 if std::mem::replace(&mut taken[(at % hyperperiod) as usize], true) {
                     return true;
@@ -313,7 +313,7 @@ fn the_report_has_the_form_that_programs_read() {
 fn full_harmonic_tables_are_laid_out() {
     for seed in 0..8 {
         let mut random = random::Random::new(seed);
-        // Pieces of (period, length): each is cut in two, or every second occurrence goes to
+        // Pieces of (period, length): each is cut in two, or every second activation goes to
         // another slot.
         let mut pieces = vec![(4_000_u32, 4_000_u32)];
         while pieces.len() < 40 {

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::sync::Arc;
 
-use esm_link::trace::{FaultCode, TraceRecord};
+use esm_link::trace::{FaultCode, TraceEvent};
 
 use super::directory::Directory;
 use super::{Snapshot, Step, TraceWriter};
@@ -12,7 +12,7 @@ use super::{Snapshot, Step, TraceWriter};
 ///
 /// A robot says which macro step a transition belongs to when that step ends, so transitions are
 /// kept until then. Records that are no part of a trace (runs in slot 0, overruns, missed
-/// occurrences) change nothing here.
+/// activations) change nothing here.
 pub struct RecordTrace<W> {
     writer: TraceWriter<W>,
     period_us: u64,
@@ -82,14 +82,14 @@ impl<W: Write> RecordTrace<W> {
     ///
     /// # Errors
     /// When the lines cannot be written.
-    pub fn record(&mut self, record: &TraceRecord<'_>) -> io::Result<Option<Ended>> {
+    pub fn record(&mut self, record: &TraceEvent<'_>) -> io::Result<Option<Ended>> {
         match *record {
-            TraceRecord::Started { .. } => {
+            TraceEvent::Started { .. } => {
                 self.next_step = 0;
                 self.taken.clear();
                 Ok(None)
             }
-            TraceRecord::Transition {
+            TraceEvent::Transition {
                 micro,
                 region_instance,
                 transition,
@@ -97,7 +97,7 @@ impl<W: Write> RecordTrace<W> {
                 self.taken.push((micro, region_instance, transition));
                 Ok(None)
             }
-            TraceRecord::Step {
+            TraceEvent::Step {
                 step,
                 micro_steps,
                 states,
@@ -116,8 +116,8 @@ impl<W: Write> RecordTrace<W> {
                 }
                 self.end_step(step, micro_steps)
             }
-            TraceRecord::Same { micro_steps } => self.end_step(self.next_step, micro_steps),
-            TraceRecord::Fault { step, code } => {
+            TraceEvent::Same { micro_steps } => self.end_step(self.next_step, micro_steps),
+            TraceEvent::Fault { step, code } => {
                 let at = self.write_taken(step)?;
                 let code = match code {
                     FaultCode::EventQueueOverflow => esm_core::Fault::EventQueueOverflow,
@@ -126,12 +126,12 @@ impl<W: Write> RecordTrace<W> {
                 self.writer.fault(at, code.code())?;
                 Ok(Some(Ended::Fault(at, code.code())))
             }
-            TraceRecord::JobStarted { .. }
-            | TraceRecord::JobEnded { .. }
-            | TraceRecord::Overrun { .. }
-            | TraceRecord::Missed { .. }
-            | TraceRecord::MotorsOff { .. }
-            | TraceRecord::FellBack { .. } => Ok(None),
+            TraceEvent::BackgroundRunStarted { .. }
+            | TraceEvent::BackgroundRunEnded { .. }
+            | TraceEvent::Overrun { .. }
+            | TraceEvent::DeadlineMiss { .. }
+            | TraceEvent::MotorsOff { .. }
+            | TraceEvent::FellBack { .. } => Ok(None),
         }
     }
 
@@ -192,7 +192,7 @@ mod tests {
                 region_instance,
                 transition,
             } = taken;
-            TraceRecord::Transition {
+            TraceEvent::Transition {
                 micro,
                 region_instance,
                 transition,
@@ -210,7 +210,7 @@ mod tests {
         let mut machine = Interpreter::new(verified, &mut arena).unwrap();
         let mut writer = TraceWriter::new(Vec::new(), Arc::clone(&directory));
         let mut wire = Wire::default();
-        TraceRecord::Started {
+        TraceEvent::Started {
             mission: 7,
             start_us: 0,
         }
@@ -234,7 +234,7 @@ mod tests {
             }
             match ended {
                 Ok(summary) if !summary.changed && step % 3 == 0 && step != 7 => {
-                    TraceRecord::Same {
+                    TraceEvent::Same {
                         micro_steps: summary.micro_steps,
                     }
                     .write(&mut wire);
@@ -264,7 +264,7 @@ mod tests {
                         .unwrap();
                 }
                 Err(fault) => {
-                    TraceRecord::Fault {
+                    TraceEvent::Fault {
                         step,
                         code: FaultCode::EventQueueOverflow,
                     }
@@ -283,11 +283,11 @@ mod tests {
 
     fn transitions(mut bytes: &[u8]) -> Vec<(u8, u16, u16)> {
         let mut taken = Vec::new();
-        while let Ok(TraceRecord::Transition {
+        while let Ok(TraceEvent::Transition {
             micro,
             region_instance,
             transition,
-        }) = TraceRecord::take(&mut bytes)
+        }) = TraceEvent::take(&mut bytes)
         {
             taken.push((micro, region_instance, transition));
         }
@@ -301,9 +301,7 @@ mod tests {
             let mut trace = RecordTrace::new(Vec::new(), directory);
             let mut rest = &records[..];
             while !rest.is_empty() {
-                trace
-                    .record(&TraceRecord::take(&mut rest).unwrap())
-                    .unwrap();
+                trace.record(&TraceEvent::take(&mut rest).unwrap()).unwrap();
             }
             assert_eq!(String::from_utf8(trace.into_inner()).unwrap(), expected);
             assert!(expected.lines().count() > 3, "{expected}");
@@ -315,20 +313,20 @@ mod tests {
         let (directory, _) = directory_and_blob(ROVER);
         let mut trace = RecordTrace::new(Vec::new(), directory);
         trace
-            .record(&TraceRecord::Transition {
+            .record(&TraceEvent::Transition {
                 micro: 0,
                 region_instance: 999,
                 transition: 0,
             })
             .unwrap();
         trace
-            .record(&TraceRecord::Transition {
+            .record(&TraceEvent::Transition {
                 micro: 0,
                 region_instance: 0,
                 transition: 9_999,
             })
             .unwrap();
-        trace.record(&TraceRecord::Same { micro_steps: 1 }).unwrap();
+        trace.record(&TraceEvent::Same { micro_steps: 1 }).unwrap();
         let text = String::from_utf8(trace.into_inner()).unwrap();
         assert_eq!(text.lines().count(), 1, "{text}");
     }

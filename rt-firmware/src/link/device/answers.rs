@@ -3,19 +3,19 @@
 
 use core::sync::atomic::Ordering;
 
-use super::desk::Desk;
 use super::port::LinkPort;
+use super::request_handler::RequestHandler;
 use crate::black_box::KEEPS_RECORDS;
-use crate::features::{NEWS, PARAMS, RECORD, TELEMETRY, WARM};
-use crate::mail::{Bytes, Letter};
+use crate::features::{PARAMS, RECORD, STATUS_EVENTS, TELEMETRY, WARM};
+use crate::mailbox::{Bytes, Command};
 use esm_link::access::Access;
 use esm_link::features::{Feature, Features};
 use esm_link::message::{
-    DeviceInfo, FlashHealth, Kept, LastWords, LinkError, MAX_CHUNK, MAX_PART, Mode,
-    PROTOCOL_VERSION, Response, Status, Uploads,
+    CrashReport, DeviceInfo, FlashHealth, LinkError, MAX_CHUNK, MAX_PART, Mode, PROTOCOL_VERSION,
+    Response, Status, StoreStatus, Uploads,
 };
 
-impl Desk<'_, '_> {
+impl RequestHandler<'_, '_> {
     pub(super) fn introduce(&self, window_bytes: u16, access: Access) -> DeviceInfo<'_> {
         DeviceInfo {
             protocol: PROTOCOL_VERSION,
@@ -35,14 +35,14 @@ impl Desk<'_, '_> {
 
     /// What this firmware was built with, as far as its board has the parts for it.
     pub(super) fn features<P: LinkPort>(&self, port: &mut P) -> Response<'static> {
-        let has_store = port.keeper().is_some();
+        let has_store = port.mission_store().is_some();
         let built_in = Features::NONE
             .with(Feature::Record, RECORD)
             .with(Feature::Log, P::KEEPS_LOG)
-            .with(Feature::News, NEWS)
+            .with(Feature::StatusEvent, STATUS_EVENTS)
             .with(Feature::Params, PARAMS)
             .with(Feature::Warm, WARM)
-            .with(Feature::Keys, port.key_safe().is_some())
+            .with(Feature::Keys, port.key_store().is_some())
             .with(Feature::Store, has_store)
             .with(
                 Feature::BlackBox,
@@ -58,12 +58,12 @@ impl Desk<'_, '_> {
     pub(super) fn status(
         &self,
         stack_bytes: Option<u32>,
-        kept: Option<Kept>,
+        kept: Option<StoreStatus>,
         flash: Option<FlashHealth>,
     ) -> Result<Response<'_>, LinkError> {
         let health = self.snapshot.read().ok_or(LinkError::NoAnswer)?;
         // Latched is latched, also where the real-time side has had no occasion to say so.
-        let mode = if self.signs.emergency_stop.load(Ordering::Relaxed) {
+        let mode = if self.heartbeats.emergency_stop.load(Ordering::Relaxed) {
             Mode::EmergencyStopped
         } else {
             health.mode
@@ -88,23 +88,23 @@ impl Desk<'_, '_> {
             record_dropped: self.record.dropped(),
             record_pending: !(self.record.is_empty() && self.streams_are_sent),
             saved_params: health.saved_params,
-            stop_pressed: self.signs.stop_pressed.load(Ordering::Relaxed),
+            stop_pressed: self.heartbeats.stop_pressed.load(Ordering::Relaxed),
             flash,
         }))
     }
 
     /// How the run before this one ended.
     #[inline(never)]
-    pub(super) fn last_words(&mut self) -> Result<Response<'_>, LinkError> {
+    pub(super) fn crash_report(&mut self) -> Result<Response<'_>, LinkError> {
         let Some(kept) = self.about.kept else {
-            return Ok(Response::LastWords {
-                words: LastWords::of(self.about.reset),
+            return Ok(Response::CrashReport {
+                words: CrashReport::of(self.about.reset),
                 file: &[],
             });
         };
-        let (words, place) = kept.last_words();
+        let (words, place) = kept.crash_report();
         let file = self.note(Bytes::first_of(place.as_bytes()))?.as_slice();
-        Ok(Response::LastWords { words, file })
+        Ok(Response::CrashReport { words, file })
     }
 
     /// Records from this sequence number on, as many as fit.
@@ -130,12 +130,12 @@ impl Desk<'_, '_> {
         Ok(Response::BlackBox { end, records })
     }
 
-    /// Keeps bytes until they are sent, in the letter that nobody writes now.
+    /// Keeps bytes until they are sent, in the command that nobody writes now.
     fn note(&mut self, bytes: Bytes) -> Result<&mut Bytes, LinkError> {
-        let letter = self.letter.as_deref_mut().ok_or(LinkError::Busy)?;
-        *letter = Letter::Note(bytes);
-        match letter {
-            Letter::Note(bytes) => Ok(bytes),
+        let command = self.command.as_deref_mut().ok_or(LinkError::Busy)?;
+        *command = Command::Note(bytes);
+        match command {
+            Command::Note(bytes) => Ok(bytes),
             _ => Err(LinkError::Busy),
         }
     }

@@ -43,7 +43,7 @@ impl Budget {
     /// What has passed since it was looked at last, without slots; it was work. Returns how long.
     pub(super) fn charge<P: LinkPort>(&mut self, now_us: u64, slots_us: u32) -> u32 {
         let passed_us = self.pass::<P>(now_us, slots_us);
-        if !planted!(BudgetForgotten) {
+        if !mutant!(BudgetForgotten) {
             self.left_us = (self.left_us - passed_us as i32).max(-MOST_DEBT_US);
         }
         passed_us

@@ -1,48 +1,48 @@
-//! The emergency stop, which waits for no letter, and is kept over a loss of power.
+//! The emergency stop, which waits for no command, and is kept over a loss of power.
 
 use core::sync::atomic::Ordering;
 
-use super::desk::{Desk, Reaction};
 use super::port::LinkPort;
-use crate::mail::Letter;
+use super::request_handler::{Reaction, RequestHandler};
+use crate::mailbox::Command;
 use esm_link::message::{LinkError, Response};
 
-impl Desk<'_, '_> {
+impl RequestHandler<'_, '_> {
     /// Asks the real-time side to end the emergency stop that is latched now.
     pub(super) fn release<'a>(&mut self) -> Reaction<'a> {
         // What is under way already is not changed by one that comes too early.
-        if self.letter.is_some() {
-            self.signs.release.store(true, Ordering::Relaxed);
+        if self.command.is_some() {
+            self.heartbeats.release.store(true, Ordering::Relaxed);
         }
-        self.ask(Letter::Release)
+        self.ask(Command::Release)
     }
 
-    /// Stops the robot, without the letter, which may be under way.
+    /// Stops the robot, without the command, which may be under way.
     pub(super) fn emergency_stop(
         &mut self,
         port: &mut impl LinkPort,
     ) -> Result<Response<'_>, LinkError> {
-        self.signs.stops.read();
-        self.signs.latch_emergency_stop(self.about.kept);
-        self.stop_is_kept = true;
+        self.heartbeats.stops.read();
+        self.heartbeats.latch_emergency_stop(self.about.kept);
+        self.stop_is_stored = true;
         port.wake_real_time();
-        if let Some(keeper) = port.keeper() {
-            keeper.set_emergency_stop(true)?;
+        if let Some(mission_store) = port.mission_store() {
+            mission_store.set_emergency_stop(true)?;
         }
         Ok(Response::Done)
     }
 
-    /// Lets the keeper remember a stop that the button has latched, so that it outlasts a loss of
-    /// power, too. Once: a flash that does not take it wears out by asking again.
-    pub(super) fn keep_stop(&mut self, port: &mut impl LinkPort) {
-        let is_latched = self.signs.emergency_stop.load(Ordering::Relaxed);
-        if is_latched == self.stop_is_kept {
+    /// Lets the mission store remember a stop that the button has latched, so that it outlasts a
+    /// loss of power, too. Once: a flash that does not take it wears out by asking again.
+    pub(super) fn store_stop(&mut self, port: &mut impl LinkPort) {
+        let is_latched = self.heartbeats.emergency_stop.load(Ordering::Relaxed);
+        if is_latched == self.stop_is_stored {
             return;
         }
-        self.stop_is_kept = is_latched;
+        self.stop_is_stored = is_latched;
         if is_latched
-            && let Some(keeper) = port.keeper()
-            && keeper.set_emergency_stop(true).is_err()
+            && let Some(mission_store) = port.mission_store()
+            && mission_store.set_emergency_stop(true).is_err()
         {
             error!("the flash does not keep the emergency stop: a loss of power ends it");
         }

@@ -1,62 +1,62 @@
 //! The robot's end of the link: takes frames, answers requests, sends streams where there is room.
 //!
 //! A board's bytes come and go by its `port`. What leaves is `outgoing` until the port has taken
-//! it: answers first, and `streams` where there is room. Requests are carried out at the `desk`,
-//! which sees to it that whoever sent one may (`signing`), and in time: some are `answers` of what
-//! this side knows, others take the `letter` to the real-time side. An upload is a transaction,
-//! from its `upload` to its `stage`. `kept_mission` is what the board keeps for the robot, and
-//! `stop` and `emergency` the stops that wait for no letter. `budget` is how much time all of it
-//! may take.
+//! it: answers first, and `streams` where there is room. Requests are carried out in the
+//! `request_handler`, which sees to it that whoever sent one may (`signing`), and in time: some are
+//! `answers` of what this side knows, others become the command to the real-time side, which brings
+//! the `reply`. An upload is a transaction, from its `upload` to its `stage`. `stored_mission` is
+//! what the board keeps for the robot, and `stop` and `emergency` the stops that wait for no
+//! command. `budget` is how much time all of it may take.
 //!
-//! Whoever sends requests has a `conversation` of its own: anyone, or the owner in a session.
+//! Whoever sends requests has a `client_session` of its own: anyone, or the owner in a session.
 //!
 //! *Invariant:* a request that comes again is not carried out again: its answer is sent again.
 
 mod answers;
 mod budget;
-mod conversation;
-mod desk;
+mod client_session;
 mod emergency;
-mod kept_mission;
-mod letter;
 mod outgoing;
 mod overload;
 mod port;
+mod reply;
+mod request_handler;
 mod signing;
 mod stage;
 mod stop;
+mod stored_mission;
 mod streams;
 mod upload;
 
-pub(crate) use desk::Desk;
 pub use port::LinkPort;
+pub(crate) use request_handler::RequestHandler;
 
 use core::sync::atomic::Ordering;
 
 use crate::features::{KEYS, PARAMS};
 use crate::link::stop_listener::StopListener;
-use crate::mail::{Letter, NO_DEADLINE};
+use crate::mailbox::{Command, NO_DEADLINE};
 use budget::Budget;
-use conversation::{Answered, AwaitedStop, Before, Conversation, Sender};
-use desk::{Reaction, Ticket};
+use client_session::{Answered, AwaitedStop, Before, ClientSession, Sender};
 use esm_link::frame::{FrameReader, MAX_MESSAGE_BYTES, MAX_REPLY_FRAME_BYTES, parse, unpack};
 use esm_link::message::{
     Channel, LinkError, MAX_STREAM_BYTES, Request, Response, ToDevice, UNKNOWN,
 };
-use kept_mission::keep_in_mind;
-use letter::answer_of;
 use outgoing::Outgoing;
+use reply::answer_of;
+use request_handler::{PendingRequest, Reaction};
+use stored_mission::persist_trial;
 use streams::{CHANNELS, STREAM_OVERHEAD};
 
 /// Whether a request is carried out each time that it comes.
 fn is_done_again(request: &Request<'_>) -> bool {
-    request.is_stop() && !planted!(StopSuppressed)
+    request.is_stop() && !mutant!(StopSuppressed)
 }
 
-/// Conversations of a robot: anyone's, and that of the owner of its key where it can have one.
-const CONVERSATIONS: usize = if KEYS { 2 } else { 1 };
+/// Sessions of a robot: anyone's, and that of the owner of its key where it can have one.
+const SESSIONS: usize = if KEYS { 2 } else { 1 };
 const ANYONE: usize = 0;
-const OWNER: usize = CONVERSATIONS - 1;
+const OWNER: usize = SESSIONS - 1;
 
 /// Bytes of the line after which the link looks at the time that it has taken.
 const BYTES_BETWEEN_LOOKS: u32 = 64;
@@ -65,55 +65,57 @@ const BYTES_BETWEEN_LOOKS: u32 = 64;
 /// arrived or left, and now and then.
 pub struct LinkSide<'q, 'm> {
     reader: FrameReader,
-    conversations: [Conversation; CONVERSATIONS],
+    sessions: [ClientSession; SESSIONS],
     stream: Outgoing<{ MAX_STREAM_BYTES + STREAM_OVERHEAD }>,
     stream_seq: [u8; CHANNELS],
     /// Whose turn it is to send.
     next_channel: Channel,
-    /// Frames that arrived spoiled, and requests that were left out for want of time.
-    spoiled_frames: u32,
+    /// Frames that arrived corrupt, and requests that were left out for want of time.
+    corrupt_frames: u32,
     /// Bytes of the line that had found no room when that was looked at last.
     lost_bytes: u32,
     budget: Budget,
-    desk: Desk<'q, 'm>,
+    handler: RequestHandler<'q, 'm>,
 }
 
 impl<'q, 'm> LinkSide<'q, 'm> {
-    pub(crate) fn new(desk: Desk<'q, 'm>) -> Self {
+    pub(crate) fn new(handler: RequestHandler<'q, 'm>) -> Self {
         LinkSide {
             reader: FrameReader::new(),
-            conversations: [const { Conversation::NEW }; CONVERSATIONS],
+            sessions: [const { ClientSession::NEW }; SESSIONS],
             stream: Outgoing::NOTHING,
             stream_seq: [0; CHANNELS],
             next_channel: Channel::Trace,
-            spoiled_frames: 0,
+            corrupt_frames: 0,
             lost_bytes: 0,
             budget: Budget::FULL,
-            desk,
+            handler,
         }
     }
 
-    /// Starts the mission that the board's keeper has for the robot, if it has one. To be called
-    /// once, before all else.
+    /// Starts the mission that the board's mission store has for the robot, if it has one. To be
+    /// called once, before all else.
     ///
     /// A robot that was reset by a defect again and again, each time after no time, starts none:
-    /// see [`Kept::may_start_by_itself`](crate::Kept::may_start_by_itself). One whose board
-    /// remembers an emergency stop starts it, too, and moves nothing.
+    /// see [`RetainedRam::may_start_by_itself`](crate::RetainedRam::may_start_by_itself). One whose
+    /// board remembers an emergency stop starts it, too, and moves nothing.
     pub fn start(&mut self, port: &mut impl LinkPort) {
         if port
-            .keeper()
-            .is_some_and(|keeper| keeper.is_emergency_stopped())
+            .mission_store()
+            .is_some_and(|mission_store| mission_store.is_emergency_stopped())
         {
-            self.desk.signs.latch_emergency_stop(self.desk.about.kept);
+            self.handler
+                .heartbeats
+                .latch_emergency_stop(self.handler.about.kept);
         }
-        let kept = self.desk.about.kept;
+        let kept = self.handler.about.kept;
         let may_start = kept.is_none_or(|kept| kept.may_start_by_itself());
-        self.desk.start_kept(port, may_start);
+        self.handler.start_kept(port, may_start);
     }
 
     /// Hears stops among the bytes of the line, where a board takes them in: one for each line.
     pub fn stop_listener(&self) -> StopListener<'m> {
-        StopListener::new(self.desk.signs, self.desk.about.kept)
+        StopListener::new(self.handler.heartbeats, self.handler.about.kept)
     }
 
     /// Does what can be done without waiting, as long as there is [time for
@@ -122,8 +124,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     pub fn poll(&mut self, port: &mut impl LinkPort) -> bool {
         self.begin_turn(port);
         let now_us = port.now_us();
-        if let Some(keeper) = port.keeper() {
-            keeper.tick(now_us);
+        if let Some(mission_store) = port.mission_store() {
+            mission_store.tick(now_us);
         }
         let has_more = self.work(port);
         self.charge(port);
@@ -132,25 +134,25 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     }
 
     fn begin_turn<P: LinkPort>(&mut self, port: &mut P) {
-        let slots_us = self.desk.signs.slots_us();
+        let slots_us = self.handler.heartbeats.slots_us();
         self.budget.begin::<P>(port.now_us(), slots_us);
-        let lost_bytes = self.desk.signs.stops.lost_bytes();
+        let lost_bytes = self.handler.heartbeats.stops.lost_bytes();
         if lost_bytes != self.lost_bytes {
             // Whatever frames they were of.
             self.lost_bytes = lost_bytes;
-            self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
+            self.corrupt_frames = self.corrupt_frames.wrapping_add(1);
         }
     }
 
     /// Counts what the link has done as work.
     fn charge<P: LinkPort>(&mut self, port: &mut P) {
-        let signs = self.desk.signs;
-        let slots_us = signs.slots_us();
+        let heartbeats = self.handler.heartbeats;
+        let slots_us = heartbeats.slots_us();
         let worked_us = self.budget.charge::<P>(port.now_us(), slots_us);
         // Only this side counts it, so load and store suffice.
-        let before_us = signs.link_us.load(Ordering::Relaxed);
+        let before_us = heartbeats.link_us.load(Ordering::Relaxed);
         let link_us = before_us.wrapping_add(worked_us);
-        signs.link_us.store(link_us, Ordering::Relaxed);
+        heartbeats.link_us.store(link_us, Ordering::Relaxed);
     }
 
     /// Whether there is time for what comes next: for a stop that was heard also where there is
@@ -158,17 +160,20 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     fn may_receive(&mut self) -> bool {
         self.budget.is_left()
             || self.budget.is_left_for_a_stop()
-                && self.desk.place.is_stop_ahead(&self.desk.signs.stops)
+                && self
+                    .handler
+                    .place
+                    .is_stop_ahead(&self.handler.heartbeats.stops)
     }
 
     fn work(&mut self, port: &mut impl LinkPort) -> bool {
         loop {
-            self.desk.signs.link.store(true, Ordering::Relaxed);
-            self.desk.take_freed(port);
+            self.handler.heartbeats.link.store(true, Ordering::Relaxed);
+            self.handler.take_freed(port);
             self.take_answer(port);
             self.tell_stopped();
             self.tell_chunks();
-            self.desk.keep_stop(port);
+            self.handler.store_stop(port);
             self.go_on(port);
             self.receive(port);
             // Where the real-time side was called, it has come already.
@@ -197,35 +202,39 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// Requests of the host's that were counted.
     #[cfg(all(test, feature = "keys"))]
     pub(crate) fn requests_heard(&self) -> u32 {
-        self.desk.signs.requests.load(Ordering::Relaxed)
+        self.handler.heartbeats.requests.load(Ordering::Relaxed)
     }
 
     /// Whether an answer of the real-time side is awaited: a board may poll again after the next
     /// slot.
     pub fn is_waiting(&self) -> bool {
-        self.desk.asked.is_some() || self.conversations.iter().any(Conversation::awaits_stop)
+        self.handler.asked.is_some() || self.sessions.iter().any(ClientSession::awaits_stop)
     }
 
     /// The answer that is to be sent next: one that was begun, then the owner's.
     fn next_reply(&mut self) -> Option<&mut Outgoing<MAX_REPLY_FRAME_BYTES>> {
-        let replies = self.conversations.iter().map(|one| &one.reply);
+        let replies = self.sessions.iter().map(|one| &one.reply);
         let begun = replies.clone().position(Outgoing::is_begun);
         let next = begun.or_else(|| replies.clone().rposition(|reply| !reply.is_done()))?;
-        self.conversations.get_mut(next).map(|one| &mut one.reply)
+        self.sessions.get_mut(next).map(|one| &mut one.reply)
     }
 
     /// Takes bytes up to the end of a request, and answers it.
     fn receive(&mut self, port: &mut impl LinkPort) {
         let mut room = [0; MAX_MESSAGE_BYTES];
-        while self.conversations.iter().all(Conversation::may_have_room)
-            || self.desk.is_overloaded()
+        while self.sessions.iter().all(ClientSession::may_have_room) || self.handler.is_overloaded()
         {
             if !self.may_receive() {
                 return;
             }
             let Some(byte) = port.receive() else { return };
             // Noise is work, too.
-            if self.desk.place.take().is_multiple_of(BYTES_BETWEEN_LOOKS) {
+            if self
+                .handler
+                .place
+                .take()
+                .is_multiple_of(BYTES_BETWEEN_LOOKS)
+            {
                 self.charge(port);
             }
             let Some(frame) = self.reader.push(byte) else {
@@ -249,7 +258,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// A frame is passed over: it is noise, or there is no time or no room for what it holds. Who
     /// sent it asks again.
     fn leave_out(&mut self) {
-        self.spoiled_frames = self.spoiled_frames.wrapping_add(1);
+        self.corrupt_frames = self.corrupt_frames.wrapping_add(1);
     }
 
     /// Takes a message that has arrived.
@@ -261,7 +270,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             self.refuse(Answered { seq, of: UNKNOWN }, LinkError::Malformed);
             return;
         };
-        let (sender, request) = match self.desk.sender(&request, port) {
+        let (sender, request) = match self.handler.sender(&request, port) {
             Ok(Some(found)) => found,
             // One that somebody has kept.
             Ok(None) => return,
@@ -276,16 +285,20 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             self.leave_out();
             return;
         }
-        let Some(conversation) = self.conversations.get_mut(place_of(sender)) else {
+        let Some(client_session) = self.sessions.get_mut(place_of(sender)) else {
             return;
         };
         let is_chunk = matches!(request, Request::Chunk { .. });
-        if conversation.has_room_for(is_chunk) {
+        if client_session.has_room_for(is_chunk) {
             self.take_from(message, seq, sender, &request, port);
-        } else if !self
-            .desk
-            .take_unanswered(conversation, message, seq, sender, &request, port)
-        {
+        } else if !self.handler.take_unanswered(
+            client_session,
+            message,
+            seq,
+            sender,
+            &request,
+            port,
+        ) {
             self.leave_out();
         }
     }
@@ -299,7 +312,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         request: &Request<'_>,
         port: &mut impl LinkPort,
     ) {
-        let Some(conversation) = self.conversations.get_mut(place_of(sender)) else {
+        let Some(client_session) = self.sessions.get_mut(place_of(sender)) else {
             return;
         };
         if *request == Request::Hello {
@@ -308,22 +321,22 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             if !self.stream.is_begun() {
                 self.stream = Outgoing::NOTHING;
             }
-            conversation.begin();
+            client_session.begin();
         }
-        match conversation.before(message) {
+        match client_session.before(message) {
             // The answer is still to come.
             Before::UnderWay => return,
             // The answer was lost.
-            Before::Answered if !planted!(CarriedOutTwice) && !is_done_again(request) => {
-                conversation.answer_again();
+            Before::Answered if !mutant!(CarriedOutTwice) && !is_done_again(request) => {
+                client_session.answer_again();
                 return;
             }
             _ => {}
         }
-        self.desk.streams_are_sent = self.stream.is_done();
+        self.handler.streams_are_sent = self.stream.is_done();
         carry_out(
-            conversation,
-            &mut self.desk,
+            client_session,
+            &mut self.handler,
             message,
             seq,
             sender,
@@ -334,7 +347,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
 
     /// Refuses what is nobody's request, if there is room for an answer.
     fn refuse(&mut self, answered: Answered, error: LinkError) {
-        let [anyone, ..] = &mut self.conversations;
+        let [anyone, ..] = &mut self.sessions;
         if anyone.has_room_for(false) {
             anyone.answer(&[], false);
             anyone.set_reply(answered, Err(error), None);
@@ -348,14 +361,14 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     fn go_on(&mut self, port: &mut impl LinkPort) {
         let mut room = [0; MAX_MESSAGE_BYTES];
         for place in [OWNER, ANYONE] {
-            let is_in_the_way = place == OWNER && self.desk.is_with_a_stranger();
-            let Some(conversation) = self.conversations.get_mut(place) else {
+            let is_in_the_way = place == OWNER && self.handler.is_with_a_stranger();
+            let Some(client_session) = self.sessions.get_mut(place) else {
                 return;
             };
-            if is_in_the_way || !conversation.reply.is_done() {
+            if is_in_the_way || !client_session.reply.is_done() {
                 continue;
             }
-            let message = conversation.take_waiting(&mut room);
+            let message = client_session.take_waiting(&mut room);
             let Ok(ToDevice { seq, request }) = parse(message) else {
                 continue;
             };
@@ -376,72 +389,80 @@ impl<'q, 'm> LinkSide<'q, 'm> {
 
     /// Passes an answer of the real-time side on.
     fn take_answer(&mut self, port: &mut impl LinkPort) {
-        let place = match &self.desk.asked {
-            Some(Ticket {
+        let place = match &self.handler.asked {
+            Some(PendingRequest {
                 sender: Sender::Owner { .. },
                 ..
             }) => OWNER,
             _ => ANYONE,
         };
-        let Some(conversation) = self.conversations.get_mut(place) else {
+        let Some(client_session) = self.sessions.get_mut(place) else {
             return;
         };
         // An answer that is on its way out comes to its end first.
-        if !conversation.reply.is_done() {
+        if !client_session.reply.is_done() {
             return;
         }
-        let Some((asked, letter)) = self.desk.open_letter() else {
+        let Some((asked, command)) = self.handler.open_reply() else {
             return;
         };
         // A trial that ended before the answer was given is not confirmed by it.
-        self.desk.take_freed(port);
-        if PARAMS && let Letter::Changed(saved) = *letter {
+        self.handler.take_freed(port);
+        if PARAMS && let Command::Changed(saved) = *command {
             // The flash has it before the robot counts on it.
             let is_late = asked.is_some_and(|asked| port.now_us() > asked.by_us);
-            let kept = match port.keeper() {
+            let kept = match port.mission_store() {
                 _ if is_late => Err(LinkError::Late),
-                Some(keeper) => keeper.save_params(&saved),
+                Some(mission_store) => mission_store.save_params(&saved),
                 None => Err(LinkError::NoStore),
             };
             match kept {
                 Ok(()) => {
-                    *letter = Letter::Saved(saved);
-                    self.desk.letter = Some(letter);
+                    *command = Command::Saved(saved);
+                    self.handler.command = Some(command);
                     // What was saved is in force, however late it has become.
                     let by_us = NO_DEADLINE;
-                    self.desk.ticket = asked.map(|asked| Ticket { by_us, ..asked });
-                    self.desk.post();
+                    self.handler.pending = asked.map(|asked| PendingRequest { by_us, ..asked });
+                    self.handler.post();
                     return;
                 }
-                Err(error) => *letter = Letter::Failed(error),
+                Err(error) => *command = Command::Failed(error),
             }
         }
-        let kept = match letter {
+        let kept = match command {
             // Another stop is latched meanwhile, and is what is kept.
-            Letter::Released if self.desk.signs.emergency_stop.load(Ordering::Relaxed) => Ok(()),
-            _ => keep_in_mind(letter, port.keeper()),
+            Command::Released
+                if self
+                    .handler
+                    .heartbeats
+                    .emergency_stop
+                    .load(Ordering::Relaxed) =>
+            {
+                Ok(())
+            }
+            _ => persist_trial(command, port.mission_store()),
         };
-        if let Letter::Released = letter {
+        if let Command::Released = command {
             // Pressed again while the flash was written, the button has latched a stop that is to
             // be kept.
-            self.desk.stop_is_kept = false;
+            self.handler.stop_is_stored = false;
         }
         if let Some(asked) = asked
-            && conversation.take_asked()
+            && client_session.take_asked()
         {
-            if let Letter::ValuesWanted { number, mission } = *letter {
-                self.desk.values.begin(number, mission);
+            if let Command::ValuesWanted { number, mission } = *command {
+                self.handler.values.begin(number, mission);
             }
             let (seq, of) = (asked.seq, asked.of);
-            let proof = asked.sender.proof(self.desk.keys.session());
-            let result = kept.and_then(|()| answer_of(letter));
-            conversation.set_reply(Answered { seq, of }, result, proof);
+            let proof = asked.sender.proof(self.handler.keys.session());
+            let result = kept.and_then(|()| answer_of(command));
+            client_session.set_reply(Answered { seq, of }, result, proof);
         }
-        self.desk.put_away(letter);
+        self.handler.put_away(command);
     }
 }
 
-/// Whose conversation it is.
+/// Whose session it is.
 fn place_of(sender: Sender) -> usize {
     match sender {
         Sender::Anyone => ANYONE,
@@ -451,8 +472,8 @@ fn place_of(sender: Sender) -> usize {
 
 /// Carries a request out that has not come before, and answers it, or lets its answer come later.
 fn carry_out(
-    conversation: &mut Conversation,
-    desk: &mut Desk<'_, '_>,
+    client_session: &mut ClientSession,
+    handler: &mut RequestHandler<'_, '_>,
     message: &[u8],
     seq: u8,
     sender: Sender,
@@ -460,32 +481,32 @@ fn carry_out(
     port: &mut impl LinkPort,
 ) {
     let is_chunk = matches!(request, Request::Chunk { .. });
-    let session = desk.keys.session();
+    let session = handler.keys.session();
     if let Request::OpenSession { .. } = request {
-        let opened = desk.open_session(request, port);
+        let opened = handler.open_session(request, port);
         let owner = Sender::Owner { number: 0 };
-        let session = desk.keys.session().filter(|_| opened.is_ok());
-        conversation.answer(message, false);
+        let session = handler.keys.session().filter(|_| opened.is_ok());
+        client_session.answer(message, false);
         let of = request.kind();
         let result = opened.map(|()| Response::Done);
-        conversation.set_reply(Answered { seq, of }, result, owner.proof(session));
+        client_session.set_reply(Answered { seq, of }, result, owner.proof(session));
         return;
     }
-    let is_in_the_way = desk.is_with_a_stranger() && sender != Sender::Anyone;
-    match desk.react(seq, sender, request, port) {
+    let is_in_the_way = handler.is_with_a_stranger() && sender != Sender::Anyone;
+    match handler.handle(seq, sender, request, port) {
         // The stranger's request is answered before the next slot has ended.
         (_, Reaction::Answer(Err(LinkError::Busy)))
-            if is_in_the_way && !planted!(OwnerWaitsInVain) =>
+            if is_in_the_way && !mutant!(OwnerWaitsInVain) =>
         {
-            conversation.wait(message);
+            client_session.wait(message);
         }
         (of, Reaction::Answer(result)) => {
-            conversation.answer(message, is_chunk);
-            conversation.set_reply(Answered { seq, of }, result, sender.proof(session));
+            client_session.answer(message, is_chunk);
+            client_session.set_reply(Answered { seq, of }, result, sender.proof(session));
         }
-        (_, Reaction::Later) => conversation.ask(message),
+        (_, Reaction::Later) => client_session.ask(message),
         (of, Reaction::WhenStopped { wish, result }) => {
-            conversation.await_stop(AwaitedStop {
+            client_session.await_stop(AwaitedStop {
                 answered: Answered { seq, of },
                 sender,
                 wish,

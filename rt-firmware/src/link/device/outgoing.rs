@@ -3,10 +3,10 @@
 //! *Invariant:* once its first byte is sent, a frame is sent to its end before another.
 
 use super::port::LinkPort;
-use crate::features::{KEYS, NEWS, PARAMS};
+use crate::features::{KEYS, PARAMS, STATUS_EVENTS};
 use esm_link::frame::encode_with;
 use esm_link::keys::Session;
-use esm_link::message::{FromDevice, PROVEN_HEAD_BYTES, Response};
+use esm_link::message::{FromDevice, PROVEN_HEADER_BYTES, Response};
 
 /// A frame on its way out.
 pub(super) struct Outgoing<const N: usize> {
@@ -84,7 +84,7 @@ fn write(message: &FromDevice<'_>, proof: Option<&ProofOf>, frame: &mut [u8]) ->
         let Some(ProofOf { session, number }) = proof else {
             return;
         };
-        let Some((head, answer)) = message.split_at_mut_checked(PROVEN_HEAD_BYTES) else {
+        let Some((head, answer)) = message.split_at_mut_checked(PROVEN_HEADER_BYTES) else {
             return;
         };
         if let Some(place) = head.last_chunk_mut() {
@@ -99,7 +99,7 @@ fn write(message: &FromDevice<'_>, proof: Option<&ProofOf>, frame: &mut [u8]) ->
 /// Whether this firmware has what a message is about.
 fn is_said(message: &FromDevice<'_>) -> bool {
     match message {
-        FromDevice::News(_) => NEWS,
+        FromDevice::StatusEvent(_) => STATUS_EVENTS,
         FromDevice::Reply {
             result:
                 Ok(

@@ -8,9 +8,9 @@
 //! counted, and whoever sent it asks again.
 
 use super::LinkSide;
-use super::conversation::{Answered, AwaitedStop, Conversation, Sender, UntoldChunk};
-use super::desk::{Desk, Reaction};
+use super::client_session::{Answered, AwaitedStop, ClientSession, Sender, UntoldChunk};
 use super::port::LinkPort;
+use super::request_handler::{Reaction, RequestHandler};
 use super::upload::Upload;
 use esm_link::message::{Request, Response};
 
@@ -22,28 +22,28 @@ const OVERLOAD_BYTES: i32 = 256;
 impl LinkSide<'_, '_> {
     /// Answers the last chunks that were taken while there was no room for an answer.
     pub(super) fn tell_chunks(&mut self) {
-        let len = self.desk.received();
-        let session = self.desk.keys.session();
-        for conversation in &mut self.conversations {
-            if !conversation.reply.is_done() {
+        let len = self.handler.received();
+        let session = self.handler.keys.session();
+        for client_session in &mut self.sessions {
+            if !client_session.reply.is_done() {
                 continue;
             }
             let Some(UntoldChunk {
                 answered,
                 sender,
                 result,
-            }) = conversation.untold_chunk.take()
+            }) = client_session.untold_chunk.take()
             else {
                 continue;
             };
-            conversation.answer(&[], true);
+            client_session.answer(&[], true);
             let result = result.map(|()| Response::Received { len });
-            conversation.set_reply(answered, result, sender.proof(session));
+            client_session.set_reply(answered, result, sender.proof(session));
         }
     }
 }
 
-impl Desk<'_, '_> {
+impl RequestHandler<'_, '_> {
     /// Bytes of the upload that are there.
     fn received(&self) -> u32 {
         self.upload.as_ref().map_or(0, Upload::received)
@@ -52,13 +52,14 @@ impl Desk<'_, '_> {
     /// Whether more waits than can be answered. A board without a
     /// [`StopListener`](crate::StopListener) does not know.
     pub(super) fn is_overloaded(&self) -> bool {
-        self.place.bytes_behind(&self.signs.stops) > OVERLOAD_BYTES && !planted!(OverloadForgotten)
+        self.place.bytes_behind(&self.heartbeats.stops) > OVERLOAD_BYTES
+            && !mutant!(OverloadForgotten)
     }
 
     /// Does with a request what can be done without an answer now. Returns false if it is left out.
     pub(super) fn take_unanswered(
         &mut self,
-        conversation: &mut Conversation,
+        client_session: &mut ClientSession,
         message: &[u8],
         seq: u8,
         sender: Sender,
@@ -70,7 +71,7 @@ impl Desk<'_, '_> {
         match *request {
             Request::Chunk { offset, data } if self.may_upload(sender, port) => {
                 let result = self.chunk(offset, data).map(|_| ());
-                conversation.untold_chunk = Some(UntoldChunk {
+                client_session.untold_chunk = Some(UntoldChunk {
                     answered,
                     sender,
                     result,
@@ -79,7 +80,7 @@ impl Desk<'_, '_> {
             }
             Request::Stop => {
                 if let Reaction::WhenStopped { wish, result } = self.stop(port) {
-                    conversation.await_stop(AwaitedStop {
+                    client_session.await_stop(AwaitedStop {
                         answered,
                         sender,
                         wish,
@@ -90,16 +91,16 @@ impl Desk<'_, '_> {
             }
             Request::EmergencyStop => {
                 let result = self.emergency_stop(port).map(|_| ());
-                conversation.await_stop(AwaitedStop {
+                client_session.await_stop(AwaitedStop {
                     answered,
                     sender,
-                    wish: self.signs.stops.count_read(),
+                    wish: self.heartbeats.stops.count_read(),
                     result,
                 });
                 true
             }
-            _ if conversation.may_wait(of) => {
-                conversation.wait(message);
+            _ if client_session.may_wait(of) => {
+                client_session.wait(message);
                 true
             }
             _ => false,

@@ -1,7 +1,7 @@
 //! What a board gives the link: its bytes, its clock, its log, and where it keeps keys and
 //! missions.
 
-use crate::link::trial::MissionKeeper;
+use crate::link::trial::MissionStore;
 use esm_link::key_store::KeyStore;
 use esm_link::message::MAX_CHUNK;
 
@@ -60,7 +60,7 @@ pub trait LinkPort {
     }
 
     /// Where the board keeps the robot's key. None: it has none, and cannot.
-    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
+    fn key_store(&mut self) -> Option<&mut dyn KeyStore> {
         None
     }
 
@@ -72,7 +72,7 @@ pub trait LinkPort {
 
     /// Who remembers across a reset which mission is on trial and which was confirmed, if the board
     /// has somebody for it.
-    fn keeper(&mut self) -> Option<&mut dyn MissionKeeper> {
+    fn mission_store(&mut self) -> Option<&mut dyn MissionStore> {
         None
     }
 }

@@ -1,15 +1,15 @@
 //! What requests have to do with the robot's key: signatures of requests and uploads, and the key
 //! itself.
 
-use super::desk::Desk;
 use super::port::LinkPort;
+use super::request_handler::RequestHandler;
 use super::upload::Upload;
 use esm_link::access::{Needs, needs};
 use esm_link::key_store::KeyStore;
 use esm_link::keys::SignedUpload;
 use esm_link::message::{LinkError, Request, Response};
 
-impl Desk<'_, '_> {
+impl RequestHandler<'_, '_> {
     /// Whether the key has signed this request, which `bytes` are. Answers until when that is good.
     pub(super) fn check_signed(
         &mut self,
@@ -19,12 +19,12 @@ impl Desk<'_, '_> {
         port: &mut impl LinkPort,
     ) -> Result<u64, LinkError> {
         let now_us = port.now_us();
-        let safe = port.key_safe().ok_or(LinkError::NoKeySupport)?;
+        let safe = port.key_store().ok_or(LinkError::NoKeySupport)?;
         if needs(request) != Needs::Key {
             return Err(LinkError::Malformed);
         }
         // So that a nonce is not spent on what cannot be done now.
-        if self.letter.is_none() {
+        if self.command.is_none() {
             return Err(LinkError::Busy);
         }
         let upload = match (request, &self.upload) {
@@ -76,7 +76,7 @@ impl Desk<'_, '_> {
                     Ok(signed) => upload.signed = Some(signed),
                     // The bytes may be somebody else's, under the owner's length and checksum: who
                     // went on with them would be refused for ever.
-                    Err(LinkError::WrongSignature) if is_unsigned && !planted!(OthersBytesKept) => {
+                    Err(LinkError::WrongSignature) if is_unsigned && !mutant!(OthersBytesKept) => {
                         self.end_upload();
                     }
                     Err(_) => {}
@@ -114,7 +114,7 @@ impl Desk<'_, '_> {
         signed: Option<&SignedUpload>,
         port: &mut impl LinkPort,
     ) -> Result<(), LinkError> {
-        match (signed, port.key_safe()) {
+        match (signed, port.key_store()) {
             (Some(signed), Some(safe)) => self.keys.accept(safe, signed),
             _ => Ok(()),
         }

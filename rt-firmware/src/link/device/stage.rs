@@ -8,19 +8,19 @@ use core::sync::atomic::Ordering;
 
 use esm_core::{BlobBuffer, Refusal, Verified};
 
-use super::desk::{Desk, Reaction};
-use super::kept_mission::saved_params;
 use super::port::LinkPort;
+use super::request_handler::{Reaction, RequestHandler};
+use super::stored_mission::saved_params;
 use super::upload::Upload;
 use crate::check::{check, check_slots};
 use crate::features::WARM;
-use crate::mail::Letter;
-use crate::realtime::upcoming::Upcoming;
+use crate::mailbox::Command;
+use crate::realtime::staging::StagedMission;
 use esm_link::access::Access;
 use esm_link::frame::checksum;
 use esm_link::message::{LinkError, Swap};
 
-impl<'m> Desk<'_, 'm> {
+impl<'m> RequestHandler<'_, 'm> {
     /// Checks the blob that was uploaded, and hands it over.
     // Not inlined: what it needs of the stack is needed for no other request.
     #[inline(never)]
@@ -35,20 +35,21 @@ impl<'m> Desk<'_, 'm> {
         }
     }
 
-    /// Checks the blob that was uploaded, and puts it into the letter.
+    /// Checks the blob that was uploaded, and puts it into the command.
     fn stage(&mut self, swap: Swap, port: &mut impl LinkPort) -> Result<(), LinkError> {
         // The upload stays: it can be taken cold.
         if swap.warm && !WARM {
             return Err(LinkError::NotBuiltIn);
         }
         self.refuse_on_trial()?;
-        // The keeper is to know how the last trial ended. Another mission may be started for that.
+        // The mission store is to know how the last trial ended. Another mission may be started for
+        // that.
         self.take_freed(port);
-        if self.letter.is_none() {
+        if self.command.is_none() {
             return Err(LinkError::Busy);
         }
         let upload = self.upload.as_ref().ok_or(LinkError::NoUpload)?;
-        if upload.received() != upload.len && !planted!(IncompleteTaken) {
+        if upload.received() != upload.len && !mutant!(IncompleteTaken) {
             return Err(LinkError::Incomplete {
                 received: upload.received(),
             });
@@ -56,15 +57,15 @@ impl<'m> Desk<'_, 'm> {
         let crc = upload.crc;
         let signed = upload.signed;
         if signed.is_none()
-            && !planted!(UnsignedTaken)
-            && self.keys.access(port.key_safe()) == Access::Locked
+            && !mutant!(UnsignedTaken)
+            && self.keys.access(port.key_store()) == Access::Locked
         {
             return Err(LinkError::NotSigned);
         }
         let Some(Upload { blob, .. }) = self.upload.take() else {
             return Err(LinkError::NoUpload);
         };
-        if checksum(&blob) != crc && !planted!(WholeUnchecked) {
+        if checksum(&blob) != crc && !mutant!(WholeUnchecked) {
             self.keep(blob);
             return Err(LinkError::WrongChecksum);
         }
@@ -84,15 +85,15 @@ impl<'m> Desk<'_, 'm> {
             return Err(error);
         }
         let mission = self.prepare(verified, swap.warm)?;
-        let accepted = self
-            .accept(signed.as_ref(), port)
-            .and_then(|()| match port.keeper() {
-                Some(keeper) => keeper.trial_begins(mission.mission().bytes()),
-                None => Ok(()),
-            });
-        match (accepted, &mut self.letter) {
-            (Ok(()), Some(letter)) => {
-                **letter = Letter::Swap {
+        let accepted =
+            self.accept(signed.as_ref(), port)
+                .and_then(|()| match port.mission_store() {
+                    Some(mission_store) => mission_store.trial_begins(mission.mission().bytes()),
+                    None => Ok(()),
+                });
+        match (accepted, &mut self.command) {
+            (Ok(()), Some(command)) => {
+                **command = Command::Swap {
                     mission,
                     swap,
                     saved: saved_params(port),
@@ -100,7 +101,7 @@ impl<'m> Desk<'_, 'm> {
                 Ok(())
             }
             (accepted, _) => {
-                let blob = self.rooms.take_apart(mission);
+                let blob = self.memories.take_apart(mission);
                 self.keep(blob);
                 Err(accepted.err().unwrap_or(LinkError::Busy))
             }
@@ -116,8 +117,8 @@ impl<'m> Desk<'_, 'm> {
         &mut self,
         mission: Verified<BlobBuffer<'m>>,
         warm: bool,
-    ) -> Result<Upcoming<'m>, LinkError> {
-        match self.rooms.prepare(mission, warm, self.registry) {
+    ) -> Result<StagedMission<'m>, LinkError> {
+        match self.memories.prepare(mission, warm, self.registry) {
             Ok(mission) => Ok(mission),
             Err((error, blob)) => {
                 if let Some(blob) = blob {
@@ -131,7 +132,7 @@ impl<'m> Desk<'_, 'm> {
     /// Tells the real-time side that a mission is to come, so that it looks for it in time.
     pub(super) fn tell_of_mission(&self, is_coming: bool) {
         if WARM {
-            self.signs
+            self.heartbeats
                 .mission_is_coming
                 .store(is_coming, Ordering::Relaxed);
         }

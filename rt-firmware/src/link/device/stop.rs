@@ -1,17 +1,17 @@
-//! The host's stop, which waits for no letter: the real-time side looks for it before each exchange
-//! with the body.
+//! The host's stop, which waits for no command: the real-time side looks for it before each
+//! exchange with the body.
 
 use super::LinkSide;
-use super::conversation::AwaitedStop;
-use super::desk::{Desk, Reaction};
+use super::client_session::AwaitedStop;
 use super::port::LinkPort;
+use super::request_handler::{Reaction, RequestHandler};
 use esm_link::message::Response;
 
-impl Desk<'_, '_> {
+impl RequestHandler<'_, '_> {
     /// Lets the real-time side stop the robot.
     pub(super) fn stop<'a>(&mut self, port: &mut impl LinkPort) -> Reaction<'a> {
-        let wish = self.signs.stops.read();
-        self.signs.stops.call();
+        let wish = self.heartbeats.stops.read();
+        self.heartbeats.stops.call();
         port.wake_real_time();
         let result = Ok(());
         Reaction::WhenStopped { wish, result }
@@ -21,10 +21,10 @@ impl Desk<'_, '_> {
 impl LinkSide<'_, '_> {
     /// Answers stops that were read, if the robot stands still for them.
     pub(super) fn tell_stopped(&mut self) {
-        let stops = &self.desk.signs.stops;
-        let session = self.desk.keys.session();
-        for conversation in &mut self.conversations {
-            if !conversation.reply.is_done() {
+        let stops = &self.handler.heartbeats.stops;
+        let session = self.handler.keys.session();
+        for client_session in &mut self.sessions {
+            if !client_session.reply.is_done() {
                 continue;
             }
             let Some(AwaitedStop {
@@ -32,14 +32,14 @@ impl LinkSide<'_, '_> {
                 sender,
                 result,
                 ..
-            }) = conversation.take_stop(|wish| stops.is_done(wish))
+            }) = client_session.take_stop(|wish| stops.is_done(wish))
             else {
                 continue;
             };
             // Also where something else was asked for meanwhile: who wants a stop is to know of it.
-            conversation.answer(&[], false);
+            client_session.answer(&[], false);
             let result = result.map(|()| Response::Done);
-            conversation.set_reply(answered, result, sender.proof(session));
+            client_session.set_reply(answered, result, sender.proof(session));
         }
     }
 }

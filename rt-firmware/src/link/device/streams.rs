@@ -1,16 +1,16 @@
-//! Streams and news, which are sent where there is room between answers.
+//! Streams and status events, which are sent where there is room between answers.
 //!
 //! *Invariant:* each stream has its turn, however much another one has to send.
 
 use core::sync::atomic::Ordering;
 
 use super::LinkSide;
-use super::desk::Desk;
 use super::port::LinkPort;
-use crate::features::{NEWS, TELEMETRY};
+use super::request_handler::RequestHandler;
+use crate::features::{STATUS_EVENTS, TELEMETRY};
 use esm_link::frame::CRC_BYTES;
 use esm_link::message::{Channel, FromDevice, MAX_STREAM_BYTES, Stream};
-use esm_link::news::News;
+use esm_link::status_event::StatusEvent;
 
 /// Bytes of a stream's frame beside those of the stream: kind, channel, number, continuation, count
 /// of dropped records (5), length, checksum, COBS, delimiter.
@@ -23,8 +23,8 @@ impl LinkSide<'_, '_> {
     /// Makes a frame of what a stream holds, if one of them holds something.
     #[inline(never)]
     pub(super) fn fill_stream(&mut self, port: &mut impl LinkPort) {
-        if let Some(news) = self.desk.news(self.spoiled_frames) {
-            self.stream.set(&FromDevice::News(news));
+        if let Some(news) = self.handler.news(self.corrupt_frames) {
+            self.stream.set(&FromDevice::StatusEvent(news));
             return;
         }
         for _ in 0..CHANNELS {
@@ -38,28 +38,28 @@ impl LinkSide<'_, '_> {
             let mut bytes = [0; MAX_STREAM_BYTES];
             let (len, continues, dropped) = match channel {
                 Channel::Trace => {
-                    let part = self.desk.trace.read(&mut bytes);
-                    (part.len, part.continues, self.desk.trace.dropped())
+                    let part = self.handler.trace.read(&mut bytes);
+                    (part.len, part.continues, self.handler.trace.dropped())
                 }
-                Channel::Log if self.desk.log_wanted => {
+                Channel::Log if self.handler.log_wanted => {
                     (port.read_log(&mut bytes), false, port.log_dropped())
                 }
                 Channel::Log => continue,
                 Channel::Record => {
-                    let part = self.desk.record.read(&mut bytes);
-                    (part.len, part.continues, self.desk.record.dropped())
+                    let part = self.handler.record.read(&mut bytes);
+                    (part.len, part.continues, self.handler.record.dropped())
                 }
                 Channel::Values => {
-                    let snapshot = &self.desk.snapshot;
+                    let snapshot = &self.handler.snapshot;
                     let runs = || snapshot.read().map(|health| health.mission);
-                    let len = self.desk.values.read(&mut bytes, runs);
-                    (len, false, self.desk.values.dropped())
+                    let len = self.handler.values.read(&mut bytes, runs);
+                    (len, false, self.handler.values.dropped())
                 }
             };
             let wanted = match channel {
-                Channel::Trace => self.desk.trace_wanted.load(Ordering::Relaxed),
+                Channel::Trace => self.handler.trace_wanted.load(Ordering::Relaxed),
                 Channel::Log | Channel::Values => true,
-                Channel::Record => self.desk.record.is_wanted(),
+                Channel::Record => self.handler.record.is_wanted(),
             };
             let (Some(bytes), Some(seq)) =
                 (bytes.get(..len), self.stream_seq.get_mut(channel as usize))
@@ -82,9 +82,9 @@ impl LinkSide<'_, '_> {
     }
 }
 
-impl Desk<'_, '_> {
-    fn news(&mut self, spoiled_frames: u32) -> Option<News> {
-        let watch = self.watch.as_mut().filter(|_| NEWS)?;
-        watch.news(self.snapshot.read()?, spoiled_frames)
+impl RequestHandler<'_, '_> {
+    fn news(&mut self, corrupt_frames: u32) -> Option<StatusEvent> {
+        let watch = self.watch.as_mut().filter(|_| STATUS_EVENTS)?;
+        watch.news(self.snapshot.read()?, corrupt_frames)
     }
 }

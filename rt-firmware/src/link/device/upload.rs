@@ -4,8 +4,8 @@
 
 use esm_core::BlobBuffer;
 
-use super::desk::Desk;
 use super::port::LinkPort;
+use super::request_handler::RequestHandler;
 use esm_link::keys::SignedUpload;
 use esm_link::message::{Capacity, LinkError, Response};
 
@@ -23,7 +23,7 @@ impl Upload<'_> {
     }
 }
 
-impl<'m> Desk<'_, 'm> {
+impl<'m> RequestHandler<'_, 'm> {
     pub(super) fn begin(
         &mut self,
         len: u32,
@@ -34,8 +34,8 @@ impl<'m> Desk<'_, 'm> {
         // Whose trial has just ended has given its buffer back before it said so.
         self.take_freed(port);
         let resumed = self.upload.as_ref().filter(|upload| {
-            let is_same_len = upload.len == len || planted!(OtherLengthResumed);
-            let is_same_blob = upload.crc == crc || planted!(OtherBlobResumed);
+            let is_same_len = upload.len == len || mutant!(OtherLengthResumed);
+            let is_same_blob = upload.crc == crc || mutant!(OtherBlobResumed);
             is_same_len && is_same_blob
         });
         if let Some(upload) = resumed {
@@ -43,7 +43,7 @@ impl<'m> Desk<'_, 'm> {
                 len: upload.received(),
             });
         }
-        if len > self.capacities.blob_bytes && !planted!(CapacityForgotten) {
+        if len > self.capacities.blob_bytes && !mutant!(CapacityForgotten) {
             return Err(LinkError::CapacityExceeded {
                 what: Capacity::BlobBytes,
                 needed: len,
@@ -71,15 +71,15 @@ impl<'m> Desk<'_, 'm> {
         let received = upload.received();
         // What came before is passed over: it was sent again because its answer was lost, or late.
         let known = received
-            .checked_sub(if planted!(GapTaken) {
+            .checked_sub(if mutant!(GapTaken) {
                 offset.min(received)
             } else {
                 offset
             })
             .ok_or(LinkError::WrongOffset { expected: received })?;
-        let known = if planted!(OverlapRepeated) { 0 } else { known };
+        let known = if mutant!(OverlapRepeated) { 0 } else { known };
         let data = data.get(known as usize..).unwrap_or_default();
-        let is_too_long = data.len() as u32 > upload.len - received && !planted!(LengthForgotten);
+        let is_too_long = data.len() as u32 > upload.len - received && !mutant!(LengthForgotten);
         if is_too_long || !upload.blob.push(data) {
             return Err(LinkError::TooLong);
         }

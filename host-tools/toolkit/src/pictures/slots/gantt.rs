@@ -8,7 +8,7 @@ use super::{
 };
 use crate::pictures::font::{self, Weight};
 use crate::pictures::scene::{Anchor, Scene, Stroke, words};
-use crate::timetable::{Extent, Occurrence, Row};
+use crate::timetable::{Activation, Extent, Row};
 
 const ROW: f32 = 23.0;
 const BAR: f32 = 17.0;
@@ -96,13 +96,13 @@ pub(super) fn draw(view: &View<'_>, top: f32, scene: &mut Scene) -> f32 {
             }
         }
     }
-    let mut in_rows: Vec<Vec<Occurrence>> = vec![Vec::new(); rows.len()];
-    for one in &view.occurrences {
+    let mut in_rows: Vec<Vec<Activation>> = vec![Vec::new(); rows.len()];
+    for one in &view.activations {
         if let Some(row) = of_row.get(one.slot).and_then(|&row| in_rows.get_mut(row)) {
             row.push(*one);
         }
     }
-    for (place, (row, occurrences)) in rows.iter().zip(&in_rows).enumerate() {
+    for (place, (row, activations)) in rows.iter().zip(&in_rows).enumerate() {
         let y = top + place as f32 * ROW;
         let heads = heads(view, row);
         columns(
@@ -112,10 +112,10 @@ pub(super) fn draw(view: &View<'_>, top: f32, scene: &mut Scene) -> f32 {
             Weight::Bold,
             scene,
         );
-        if occurrences.is_empty() {
+        if activations.is_empty() {
             absent(view, row, y, scene);
         }
-        for bar in bars(view, occurrences) {
+        for bar in bars(view, activations) {
             paint(view, &bar, y, scene);
         }
     }
@@ -229,9 +229,9 @@ fn absent(view: &View<'_>, row: &Row, y: f32, scene: &mut Scene) {
 }
 
 /// The bars of a row, from left to right: what is too narrow and too near to be told apart is one.
-fn bars(view: &View<'_>, occurrences: &[Occurrence]) -> Vec<Bar> {
+fn bars(view: &View<'_>, activations: &[Activation]) -> Vec<Bar> {
     let mut bars: Vec<Bar> = Vec::new();
-    for one in occurrences {
+    for one in activations {
         let left = view.x(one.start_us);
         let right = view
             .x(one.end_us)

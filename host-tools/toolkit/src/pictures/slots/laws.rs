@@ -191,7 +191,7 @@ fn bars_of_slots_and_free_time_share_the_window() {
     let view = View::new(&picture);
     let width = |from: i64, to: i64| view.x(to) - view.x(from);
     let busy: f32 = view
-        .occurrences
+        .activations
         .iter()
         .map(|one| width(one.start_us, one.end_us))
         .sum();

@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 use super::axis::{self, Unit};
 use super::font::{self, Weight};
 use super::scene::{Anchor, Colour, Scene, Stroke, words};
-use crate::timetable::{Extent, Gap, Occurrence, Timetable, Window, gaps};
+use crate::timetable::{Activation, Extent, Gap, Timetable, Window, gaps};
 
 /// More slots than this share rows by their periods; of more periods than this the longest share
 /// one row.
@@ -76,7 +76,7 @@ const PERIODS: [Colour; 7] = [
 /// On those before this one words are white.
 const FIRST_LIGHT: usize = 4;
 
-/// What is drawn as one: an occurrence, or several that are too narrow to be told apart.
+/// What is drawn as one: an activation, or several that are too narrow to be told apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Content {
     /// Index of the slot, where it is one.
@@ -104,7 +104,7 @@ struct View<'p> {
     picture: &'p SlotPicture,
     window: Window,
     /// All that is in the window.
-    occurrences: Vec<Occurrence>,
+    activations: Vec<Activation>,
     /// What they leave.
     gaps: Vec<Gap>,
     /// One for each slot: index into [`PERIODS`].
@@ -166,16 +166,16 @@ impl<'p> View<'p> {
     fn new(picture: &'p SlotPicture) -> Self {
         let timetable = &picture.timetable;
         let window = timetable.window(readable_frames(timetable));
-        let occurrences = timetable.occurrences(window.start_us, window.end_us());
+        let activations = timetable.activations(window.start_us, window.end_us());
         let is_grouped = timetable.slots().len() > MAX_ROWS;
         let has_names = is_grouped || picture.tasks.values().any(|names| !names.is_empty());
         View {
-            gaps: gaps(&occurrences, window.start_us, window.end_us()),
+            gaps: gaps(&activations, window.start_us, window.end_us()),
             colours: colours(timetable),
             left: if has_names { LEFT_OF_NAMES } else { LEFT },
             picture,
             window,
-            occurrences,
+            activations,
         }
     }
 

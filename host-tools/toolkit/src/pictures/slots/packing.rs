@@ -40,7 +40,7 @@ type Place = (u64, u64, Content);
 pub(super) fn draw(view: &View<'_>, top: f32, scene: &mut Scene) -> f32 {
     let (frame_us, reason) = frame(view.timetable());
     let in_window = view.window.length_us / frame_us;
-    let per_frame = view.occurrences.len() as u64 / in_window.max(1) + 1;
+    let per_frame = view.activations.len() as u64 / in_window.max(1) + 1;
     let affordable = (MAX_RECTANGLES as u64 / per_frame).max(LEAST_FRAMES);
     let frames = in_window.min(MAX_FRAMES).min(affordable).max(1);
     let heading = format!(
@@ -180,7 +180,7 @@ fn places(
     let shown_us = (first * frame_us, (first + frames) * frame_us);
     let near = (f64::from(TOUCHING / PLOT_WIDTH) * frame_us as f64) as u64;
     let narrow = (f64::from(NARROW / PLOT_WIDTH) * frame_us as f64) as u64;
-    for one in &view.occurrences {
+    for one in &view.activations {
         let clip = |us: i64| u64::try_from(us).unwrap_or(0).clamp(shown_us.0, shown_us.1);
         let (mut from_us, to_us) = (clip(one.start_us), clip(one.end_us));
         while from_us < to_us {

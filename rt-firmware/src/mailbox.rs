@@ -1,29 +1,30 @@
 //! What the sides of a runtime hand to each other.
 //!
-//! There is one letter between link and real-time side, and one job between real-time side and
-//! background. Whoever holds it may look into it; giving it away is passing a reference through a
-//! queue. So nothing large is copied, nothing is locked, and what is under way is always one thing.
+//! There is one command between link and real-time side, and one background run between real-time
+//! side and background. Whoever holds it may look into it; giving it away is passing a reference
+//! through a queue. So nothing large is copied, nothing is locked, and what is under way is always
+//! one thing.
 
 use heapless::spsc::Queue;
 
-use crate::ports::Job;
+use crate::ports::BackgroundRun;
 use crate::realtime::params::SavedParams;
-use crate::realtime::upcoming::{PairTable, Spare, Upcoming};
+use crate::realtime::staging::{MappingTable, SpareMemory, StagedMission};
 use esm_core::BlobBuffer;
 use esm_link::message::{LinkError, MAX_PART, SlotCounters, Swap, TaskCounters};
 use esm_link::trial::FallBack;
 
-/// One letter or job at a time; a queue holds one less than its length.
+/// One command or background run at a time; a queue holds one less than its length.
 const PLACES: usize = 2;
 /// There are two buffers for blobs, and a queue holds one less than its length.
 const BUFFER_PLACES: usize = 3;
 
 /// The ways between the sides.
-pub struct Mail<'m> {
+pub struct Mailbox<'m> {
     pub(crate) to_real_time: Queue<Posted<'m>, PLACES>,
-    pub(crate) to_link: Queue<&'m mut Letter<'m>, PLACES>,
-    pub(crate) to_background: Queue<&'m mut Option<Job<'m>>, PLACES>,
-    pub(crate) from_background: Queue<&'m mut Option<Job<'m>>, PLACES>,
+    pub(crate) to_link: Queue<&'m mut Command<'m>, PLACES>,
+    pub(crate) to_background: Queue<&'m mut Option<BackgroundRun<'m>>, PLACES>,
+    pub(crate) from_background: Queue<&'m mut Option<BackgroundRun<'m>>, PLACES>,
     pub(crate) freed: Queue<Freed<'m>, BUFFER_PLACES>,
 }
 
@@ -31,9 +32,9 @@ pub struct Mail<'m> {
 /// [ticks](crate::Board::TICKS_PER_US), 65,535 a microsecond at most, are still a number.
 pub(crate) const NO_DEADLINE: u64 = u64::MAX >> u16::BITS;
 
-/// The letter on its way to the real-time side.
+/// The command on its way to the real-time side.
 pub(crate) struct Posted<'m> {
-    pub(crate) letter: &'m mut Letter<'m>,
+    pub(crate) command: &'m mut Command<'m>,
     /// When it is too late for what it asks for, on the board's clock in microseconds.
     pub(crate) by_us: u64,
     /// How often a stop had been wished for; none if one is heard already that came behind what is
@@ -45,21 +46,21 @@ pub(crate) struct Posted<'m> {
 /// back answers nobody.
 pub(crate) struct Freed<'m> {
     pub(crate) blob: BlobBuffer<'m>,
-    pub(crate) spare: Spare<'m>,
+    pub(crate) spare: SpareMemory<'m>,
     /// The mission in it was given up.
     pub(crate) fell_back: Option<FallBack>,
 }
 
-impl Default for Mail<'_> {
+impl Default for Mailbox<'_> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Mail<'_> {
+impl Mailbox<'_> {
     /// Empty ways.
     pub const fn new() -> Self {
-        Mail {
+        Mailbox {
             to_real_time: Queue::new(),
             to_link: Queue::new(),
             to_background: Queue::new(),
@@ -72,15 +73,15 @@ impl Mail<'_> {
 /// What link and real-time side say to each other.
 #[allow(
     clippy::large_enum_variant,
-    reason = "there is one letter, and no heap to box a part of it on"
+    reason = "there is one command, and no heap to box a part of it on"
 )]
-pub(crate) enum Letter<'m> {
+pub(crate) enum Command<'m> {
     /// Nothing.
     Empty,
     /// Link: switch to this mission.
     Swap {
         /// The mission.
-        mission: Upcoming<'m>,
+        mission: StagedMission<'m>,
         /// How.
         swap: Swap,
         /// What was saved of parameters, for this mission or another.
@@ -95,14 +96,14 @@ pub(crate) enum Letter<'m> {
         /// Active regions that go on as they were.
         carried: u16,
         /// Given back.
-        pairs: PairTable<'m>,
+        pairs: MappingTable<'m>,
     },
     /// Link: the mission on trial stays.
     Confirm {
         /// Its hash.
         mission: u32,
-        /// The keeper has one on trial: perhaps it did not take the confirmation of one that is on
-        /// trial no more.
+        /// The mission store has one on trial: perhaps it did not take the confirmation of one that
+        /// is on trial no more.
         again: bool,
     },
     /// Real time: it does.
@@ -236,10 +237,10 @@ pub(crate) enum Letter<'m> {
     Note(Bytes),
 }
 
-impl Letter<'_> {
+impl Command<'_> {
     /// Whether it brings another value of a parameter.
     pub(crate) fn sets_param(&self) -> bool {
-        matches!(self, Letter::SetParam { .. })
+        matches!(self, Command::SetParam { .. })
     }
 }
 

@@ -11,10 +11,10 @@ use std::string::String;
 use std::vec::Vec;
 
 use super::device::{LinkPort, LinkSide};
-use crate::{About, Board, Limits, Mail, Memory, RealTime, TaskBank, split};
+use crate::{About, AnyTaskPool, Board, Limits, Mailbox, Memory, RealTime, split};
 use esm_link::access::MAX_DEADLINE_US;
 use esm_link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
-use esm_link::key_store::{KeyRecord, KeyStore, NotKept, Volatile, WriteError};
+use esm_link::key_store::{KeyStore, NotStored, StoredKey, Volatile, WriteError};
 use esm_link::message::{FromDevice, Request, Swap, ToDevice};
 use esm_link::mutants::{ALL, Bug, plant};
 #[cfg(feature = "telemetry")]
@@ -90,17 +90,17 @@ impl LinkPort for Wire {
         None
     }
 
-    fn key_safe(&mut self) -> Option<&mut dyn KeyStore> {
+    fn key_store(&mut self) -> Option<&mut dyn KeyStore> {
         Some(self)
     }
 }
 
 impl KeyStore for Wire {
-    fn read(&mut self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+    fn read(&mut self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
         self.kept.read(record, room)
     }
 
-    fn write(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
+    fn write(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError> {
         Ok(self.kept.write(record, bytes)?)
     }
 }
@@ -121,12 +121,17 @@ fn with_robot(
     law: impl FnOnce(&mut Robot<'_, '_, '_>) -> Result<(), Broken>,
 ) -> Result<(), Broken> {
     let mut memory = Memory::<BLOB_BYTES, 64, SLOTS, 4, 4, 1, 256>::new();
-    let mut banks: [&mut dyn TaskBank; 0] = [];
-    let mut mail = Mail::new();
+    let mut banks: [&mut dyn AnyTaskPool; 0] = [];
+    let mut mailbox = Mailbox::new();
     let about = About::new("planted", "none");
-    let (mut real_time, _, mut link) =
-        split(&mut memory, &mut banks, &mut mail, about, Limits::default())
-            .map_err(|fault| format!("{fault:?}"))?;
+    let (mut real_time, _, mut link) = split(
+        &mut memory,
+        &mut banks,
+        &mut mailbox,
+        about,
+        Limits::default(),
+    )
+    .map_err(|fault| format!("{fault:?}"))?;
     // From now on it can tell how it is.
     real_time.on_timer(&mut Timer(0));
     law(&mut Robot {

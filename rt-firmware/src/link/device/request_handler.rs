@@ -8,20 +8,20 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use esm_core::BlobBuffer;
 use heapless::spsc::{Consumer, Producer};
 
-use super::conversation::Sender;
+use super::client_session::Sender;
 use super::port::LinkPort;
 use super::upload::Upload;
-use crate::features::{NEWS, PARAMS, TELEMETRY};
-use crate::link::news::Watch;
+use crate::features::{PARAMS, STATUS_EVENTS, TELEMETRY};
+use crate::link::status_event::Watch;
 use crate::link::stops::Place;
-use crate::mail::{Bytes, Freed, Letter, NO_DEADLINE, Posted};
+use crate::mailbox::{Bytes, Command, Freed, NO_DEADLINE, Posted};
 use crate::ports::Registry;
-use crate::realtime::upcoming::Rooms;
+use crate::realtime::staging::MissionMemories;
 use crate::recorder::RecordReader;
 use crate::ring::RingReader;
 use crate::runtime::About;
 use crate::status::SnapshotReader;
-use crate::supervision::Signs;
+use crate::supervision::Heartbeats;
 use crate::telemetry::SampleReader;
 use esm_link::access::{
     Access, MAX_DEADLINE_US, Needs, Recurrence, may_be_proven, may_have_deadline, needs,
@@ -30,47 +30,47 @@ use esm_link::keys::Keys;
 use esm_link::message::{Capacities, LinkError, Request, Response};
 
 /// What requests are answered from.
-pub(crate) struct Desk<'q, 'm> {
+pub(crate) struct RequestHandler<'q, 'm> {
     pub(crate) registry: Registry<'m>,
     pub(crate) capacities: Capacities,
     pub(crate) about: About<'m>,
     /// Buffers that no mission is in.
     pub(crate) blobs: [Option<BlobBuffer<'m>>; 2],
     /// Memory of missions that do not run, and what has to do with it.
-    pub(crate) rooms: Rooms<'m>,
+    pub(crate) memories: MissionMemories<'m>,
     pub(crate) upload: Option<Upload<'m>>,
-    /// The letter, while it is here.
-    pub(crate) letter: Option<&'m mut Letter<'m>>,
+    /// The command, while it is here.
+    pub(crate) command: Option<&'m mut Command<'m>>,
     /// The request that is carried out, as long as it has asked nobody.
-    pub(crate) ticket: Option<Ticket>,
+    pub(crate) pending: Option<PendingRequest>,
     /// Where the link stands among the bytes of its line.
     pub(crate) place: Place,
-    /// The request whose answer the letter will bring.
-    pub(crate) asked: Option<Ticket>,
+    /// The request whose answer the command will bring.
+    pub(crate) asked: Option<PendingRequest>,
     pub(crate) to_real_time: Producer<'q, Posted<'m>>,
-    pub(crate) from_real_time: Consumer<'q, &'m mut Letter<'m>>,
+    pub(crate) from_real_time: Consumer<'q, &'m mut Command<'m>>,
     pub(crate) freed: Consumer<'q, Freed<'m>>,
-    /// The keeper's mission is to be started, as soon as the letter is here.
+    /// The mission store's mission is to be started, as soon as the command is here.
     pub(crate) start_wanted: bool,
     pub(crate) snapshot: SnapshotReader<'m>,
     pub(crate) trace: RingReader<'m>,
     pub(crate) trace_wanted: &'m AtomicBool,
-    pub(crate) signs: &'m Signs,
+    pub(crate) heartbeats: &'m Heartbeats,
     pub(crate) record: RecordReader<'m>,
     pub(crate) values: SampleReader<'m>,
     /// No part of a stream is on its way out.
     pub(crate) streams_are_sent: bool,
     pub(crate) log_wanted: bool,
     pub(crate) keys: Keys,
-    /// The wish for news, if there is one.
+    /// The wish for status events, if there is one.
     pub(crate) watch: Option<Watch>,
-    /// The keeper was told that an emergency stop is latched, whoever latched it.
-    pub(crate) stop_is_kept: bool,
+    /// The mission store was told that an emergency stop is latched, whoever latched it.
+    pub(crate) stop_is_stored: bool,
 }
 
 /// What a request goes by while it is carried out.
 #[derive(Clone, Copy)]
-pub(crate) struct Ticket {
+pub(crate) struct PendingRequest {
     pub(super) seq: u8,
     /// Who sent it.
     pub(super) sender: Sender,
@@ -94,7 +94,7 @@ pub(super) enum Reaction<'a> {
     },
 }
 
-impl Desk<'_, '_> {
+impl RequestHandler<'_, '_> {
     /// Who sent a request. Takes it out of what proves that. Nobody, where it is one that the owner
     /// has sent before another.
     pub(super) fn sender<'a>(
@@ -109,7 +109,7 @@ impl Desk<'_, '_> {
         } = *request
         else {
             // Where there is an owner, nobody else counts as the host.
-            if self.keys.access(port.key_safe()) != Access::Locked || planted!(StrangerHeard) {
+            if self.keys.access(port.key_store()) != Access::Locked || mutant!(StrangerHeard) {
                 self.hear();
             }
             return Ok(Some((Sender::Anyone, *request)));
@@ -131,7 +131,7 @@ impl Desk<'_, '_> {
 
     /// Whether this one's chunks are taken, as [`allowed`](Self::allowed) has it.
     pub(super) fn may_upload(&mut self, sender: Sender, port: &mut impl LinkPort) -> bool {
-        match self.keys.access(port.key_safe()) {
+        match self.keys.access(port.key_store()) {
             Access::Unsupported | Access::Open => true,
             Access::Locked => sender != Sender::Anyone,
             Access::Unreadable | Access::Recovering | Access::Damaged => false,
@@ -141,7 +141,7 @@ impl Desk<'_, '_> {
     /// Counts a request of the host's, for a mission that looks after that.
     fn hear(&self) {
         // Only this side counts them, so load and store suffice.
-        let requests = &self.signs.requests;
+        let requests = &self.heartbeats.requests;
         requests.store(
             requests.load(Ordering::Relaxed).wrapping_add(1),
             Ordering::Relaxed,
@@ -163,13 +163,13 @@ impl Desk<'_, '_> {
             return Err(LinkError::Malformed);
         };
         let now_us = port.now_us();
-        let safe = port.key_safe().ok_or(LinkError::NoKeySupport)?;
+        let safe = port.key_store().ok_or(LinkError::NoKeySupport)?;
         self.keys.open_session(safe, now_us, client, robot, proof)
     }
 
     /// Carries a request out, if whoever sent it may. Answers its kind besides, or that of what it
     /// holds.
-    pub(super) fn react<'a, P: LinkPort>(
+    pub(super) fn handle<'a, P: LinkPort>(
         &'a mut self,
         seq: u8,
         sender: Sender,
@@ -181,7 +181,7 @@ impl Desk<'_, '_> {
         let of = request.kind();
         let reaction = match allowed {
             Ok(by_us) => {
-                self.ticket = Some(Ticket {
+                self.pending = Some(PendingRequest {
                     seq,
                     sender,
                     of,
@@ -202,8 +202,8 @@ impl Desk<'_, '_> {
         request: &mut Request<'_>,
         port: &mut impl LinkPort,
     ) -> Result<u64, LinkError> {
-        let access = self.keys.access(port.key_safe());
-        let is_owner = sender != Sender::Anyone || planted!(StrangerIsOwner);
+        let access = self.keys.access(port.key_store());
+        let is_owner = sender != Sender::Anyone || mutant!(StrangerIsOwner);
         let signed = match *request {
             Request::Signed { signature, request } => Some((signature, request)),
             _ => None,
@@ -217,7 +217,7 @@ impl Desk<'_, '_> {
         }
         let deadline = take_out(request)?;
         let latest_us = port.now_us().saturating_add(MAX_DEADLINE_US);
-        if deadline.is_some_and(|by_us| by_us > latest_us) && !planted!(DeadlineUnlimited) {
+        if deadline.is_some_and(|by_us| by_us > latest_us) && !mutant!(DeadlineUnlimited) {
             return Err(LinkError::DeadlineTooFar);
         }
         let mut by_us = deadline.unwrap_or(NO_DEADLINE);
@@ -227,7 +227,7 @@ impl Desk<'_, '_> {
             && needs(request) != Needs::Nothing
             && !matches!(request, Request::Challenge | Request::InstallKey { .. })
         {
-            return Err(LinkError::NotKept);
+            return Err(LinkError::NotStored);
         }
         match signed {
             Some((signature, bytes)) => {
@@ -237,16 +237,16 @@ impl Desk<'_, '_> {
             None => match (needs(request), access) {
                 (Needs::Nothing, _) | (_, Access::Unsupported | Access::Open | Access::Damaged) => {
                 }
-                (_, Access::Unreadable) => return Err(LinkError::NotKept),
+                (_, Access::Unreadable) => return Err(LinkError::NotStored),
                 (Needs::Session, _) if is_owner => {}
                 (Needs::Session, _) => return Err(LinkError::NoSession),
-                (Needs::Key, _) if planted!(KeyForgotten) => {}
+                (Needs::Key, _) if mutant!(KeyForgotten) => {}
                 (Needs::Key, _) => return Err(LinkError::NeedsKey),
             },
         }
         let forgotten = match signed {
-            Some(_) => planted!(SignedCarriedOutLate),
-            None => planted!(CarriedOutLate),
+            Some(_) => mutant!(SignedCarriedOutLate),
+            None => mutant!(CarriedOutLate),
         };
         // A signature takes its time, too: it is looked at the clock behind it.
         if port.now_us() > by_us && !forgotten {
@@ -269,64 +269,70 @@ impl Desk<'_, '_> {
                 self.values.end();
                 // To end one is never refused.
                 let _ = self.record.want(false);
-                let access = self.keys.access(port.key_safe());
+                let access = self.keys.access(port.key_store());
                 Reaction::Answer(Ok(Response::Hello(self.introduce(P::WINDOW_BYTES, access))))
             }
             Request::Begin { len, crc } => Reaction::Answer(self.begin(len, crc, port)),
             Request::Chunk { offset, data } => Reaction::Answer(self.chunk(offset, data)),
             Request::Commit(swap) => self.commit(swap, port),
             Request::Abort => {
-                if !planted!(AbortForgotten) {
+                if !mutant!(AbortForgotten) {
                     self.end_upload();
                 }
                 Reaction::Answer(Ok(Response::Done))
             }
             Request::Status => {
-                let kept = port.keeper().map(|keeper| keeper.kept());
-                let flash = port.keeper().map(|keeper| keeper.flash_health());
+                let kept = port
+                    .mission_store()
+                    .map(|mission_store| mission_store.kept());
+                let flash = port
+                    .mission_store()
+                    .map(|mission_store| mission_store.flash_health());
                 Reaction::Answer(self.status(port.deepest_stack_bytes(), kept, flash))
             }
             Request::Stop => {
-                self.ticket = None;
+                self.pending = None;
                 self.stop(port)
             }
-            Request::Start => self.ask(Letter::Start),
+            Request::Start => self.ask(Command::Start),
             Request::EmergencyStop => Reaction::Answer(self.emergency_stop(port)),
             Request::Release => self.release(),
             Request::Task { index, offset } => Reaction::Answer(self.task_text(index, offset)),
-            Request::ReadBlob { offset } => self.ask(Letter::ReadBlob { offset }),
-            Request::States { first } => self.ask(Letter::ReadStates { first }),
-            Request::SlotCounters { slot } => self.ask(Letter::ReadSlot { slot }),
-            Request::TaskCounters { task_instance } => self.ask(Letter::ReadTask { task_instance }),
+            Request::ReadBlob { offset } => self.ask(Command::ReadBlob { offset }),
+            Request::States { first } => self.ask(Command::ReadStates { first }),
+            Request::SlotCounters { slot } => self.ask(Command::ReadSlot { slot }),
+            Request::TaskCounters { task_instance } => {
+                self.ask(Command::ReadTask { task_instance })
+            }
             Request::Confirm { mission } => {
                 let again = port
-                    .keeper()
-                    .is_some_and(|keeper| keeper.kept().is_on_trial());
-                self.ask(Letter::Confirm { mission, again })
+                    .mission_store()
+                    .is_some_and(|mission_store| mission_store.kept().is_on_trial());
+                self.ask(Command::Confirm { mission, again })
             }
-            Request::FallBack { mission } => self.ask(Letter::FallBack { mission }),
-            Request::LastWords => Reaction::Answer(self.last_words()),
+            Request::FallBack { mission } => self.ask(Command::FallBack { mission }),
+            Request::CrashReport => Reaction::Answer(self.crash_report()),
             Request::BlackBox { from } => Reaction::Answer(self.black_box(from)),
             Request::Param { .. } | Request::SetParam { .. } | Request::SaveParams { .. }
                 if !PARAMS =>
             {
                 Reaction::Answer(Err(LinkError::NotBuiltIn))
             }
-            Request::Param { mission, param } => self.ask(Letter::ReadParam { mission, param }),
+            Request::Param { mission, param } => self.ask(Command::ReadParam { mission, param }),
             Request::SetParam {
                 mission,
                 param,
                 value,
-            } => self.ask(Letter::SetParam {
+            } => self.ask(Command::SetParam {
                 mission,
                 param,
                 value,
             }),
-            Request::SaveParams { mission } => match port.keeper() {
-                Some(_) => self.ask(Letter::ReadChanged { mission }),
+            Request::SaveParams { mission } => match port.mission_store() {
+                Some(_) => self.ask(Command::ReadChanged { mission }),
                 None => Reaction::Answer(Err(LinkError::NoStore)),
             },
-            Request::Watch { news: true, .. } if !NEWS => {
+            Request::Watch { news: true, .. } if !STATUS_EVENTS => {
                 Reaction::Answer(Err(LinkError::NotBuiltIn))
             }
             Request::Watch { news, period_ms } => {
@@ -350,7 +356,7 @@ impl Desk<'_, '_> {
             | Request::InstallKey { .. }
             | Request::RemoveKey => {
                 let now_us = port.now_us();
-                Reaction::Answer(match port.key_safe() {
+                Reaction::Answer(match port.key_store() {
                     Some(safe) => self.of_keys(request, safe, now_us),
                     None => Err(LinkError::NoKeySupport),
                 })
@@ -365,9 +371,9 @@ impl Desk<'_, '_> {
                 Reaction::Answer(Ok(Response::Done))
             }
             Request::Values { ask } => {
-                let number = self.ticket.map_or(0, |ticket| ticket.seq);
+                let number = self.pending.map_or(0, |pending| pending.seq);
                 let ask = Bytes::first_of(ask);
-                self.ask(Letter::AskValues { number, ask })
+                self.ask(Command::AskValues { number, ask })
             }
             // They hold a plain one, or were looked at before: `allowed` gives nothing else out.
             Request::Signed { .. }

@@ -4,32 +4,32 @@ use core::marker::PhantomData;
 
 use esm_core::{BlobBuffer, Verified};
 
-use super::{Resting, Room};
+use super::{MissionMemory, StoppedMission};
 use crate::ports::Registry;
 use crate::realtime::RealTime;
 use crate::realtime::mission::Origin;
 use esm_link::message::LinkError;
 
 /// The memory of a mission that has ended: it is where there is memory for the next.
-pub(crate) struct Spare<'m>(PhantomData<&'m mut ()>);
+pub(crate) struct SpareMemory<'m>(PhantomData<&'m mut ()>);
 
 /// The table of what two missions have in common: there is none.
-pub(crate) struct PairTable<'m>(PhantomData<&'m mut ()>);
+pub(crate) struct MappingTable<'m>(PhantomData<&'m mut ()>);
 
 /// What the link prepares missions in: nothing.
-pub(crate) struct Rooms<'m>(PhantomData<&'m mut ()>);
+pub(crate) struct MissionMemories<'m>(PhantomData<&'m mut ()>);
 
 /// The room of the mission that runs, while none does.
-pub(crate) struct OwnRoom<'m>(Option<Room<'m>>);
+pub(crate) struct OwnMemory<'m>(Option<MissionMemory<'m>>);
 
 /// A mission that is to take over.
-pub(crate) struct Upcoming<'m>(Verified<BlobBuffer<'m>>);
+pub(crate) struct StagedMission<'m>(Verified<BlobBuffer<'m>>);
 
-impl<'m> Rooms<'m> {
+impl<'m> MissionMemories<'m> {
     /// Of the memory for missions: it is the real-time side's.
-    pub(crate) fn new(rooms: [Room<'m>; 1], _: &'m mut [u16]) -> (Self, OwnRoom<'m>) {
-        let [room] = rooms;
-        (Rooms(PhantomData), OwnRoom(Some(room)))
+    pub(crate) fn new(memories: [MissionMemory<'m>; 1], _: &'m mut [u16]) -> (Self, OwnMemory<'m>) {
+        let [memory] = memories;
+        (MissionMemories(PhantomData), OwnMemory(Some(memory)))
     }
 
     #[cfg_attr(feature = "speed", inline(always))]
@@ -38,34 +38,34 @@ impl<'m> Rooms<'m> {
         mission: Verified<BlobBuffer<'m>>,
         _warm: bool,
         _: Registry<'_>,
-    ) -> Result<Upcoming<'m>, (LinkError, Option<BlobBuffer<'m>>)> {
-        Ok(Upcoming(mission))
+    ) -> Result<StagedMission<'m>, (LinkError, Option<BlobBuffer<'m>>)> {
+        Ok(StagedMission(mission))
     }
 
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(crate) fn take_apart(&mut self, upcoming: Upcoming<'m>) -> BlobBuffer<'m> {
-        upcoming.0.into_bytes()
+    pub(crate) fn take_apart(&mut self, staged: StagedMission<'m>) -> BlobBuffer<'m> {
+        staged.0.into_bytes()
     }
 
-    pub(crate) fn keep(&mut self, _: &mut BlobBuffer<'m>, _: Spare<'m>) {}
+    pub(crate) fn keep(&mut self, _: &mut BlobBuffer<'m>, _: SpareMemory<'m>) {}
 
-    pub(crate) fn keep_table(&mut self, _: PairTable<'m>) {}
+    pub(crate) fn keep_table(&mut self, _: MappingTable<'m>) {}
 }
 
-impl<'m> OwnRoom<'m> {
+impl<'m> OwnMemory<'m> {
     /// Keeps the room of a mission that has ended.
-    pub(crate) fn keep(&mut self, room: Room<'m>) -> Spare<'m> {
-        self.0 = Some(room);
-        Spare(PhantomData)
+    pub(crate) fn keep(&mut self, memory: MissionMemory<'m>) -> SpareMemory<'m> {
+        self.0 = Some(memory);
+        SpareMemory(PhantomData)
     }
 
     /// The room for a mission that starts again.
-    pub(crate) fn take(&mut self, _: Spare<'m>) -> Option<Room<'m>> {
+    pub(crate) fn take(&mut self, _: SpareMemory<'m>) -> Option<MissionMemory<'m>> {
         self.0.take()
     }
 }
 
-impl<'m> Upcoming<'m> {
+impl<'m> StagedMission<'m> {
     pub(crate) fn mission(&self) -> &Verified<BlobBuffer<'m>> {
         &self.0
     }
@@ -74,19 +74,19 @@ impl<'m> Upcoming<'m> {
 impl<'m> RealTime<'_, 'm> {
     /// Starts a mission in place of the one that runs, which ends first. Answers how many regions
     /// go on as they were, the mission before, if there was one, and what goes back.
-    pub(in crate::realtime) fn start_upcoming(
+    pub(in crate::realtime) fn start_staged(
         &mut self,
-        new: Upcoming<'m>,
+        new: StagedMission<'m>,
         _warm: bool,
         at: Origin,
-    ) -> (u16, Option<Resting<'m>>, PairTable<'m>) {
+    ) -> (u16, Option<StoppedMission<'m>>, MappingTable<'m>) {
         let running = self.running();
         let before = self.end_mission();
-        let new = Resting {
+        let new = StoppedMission {
             mission: new.0,
-            spare: Spare(PhantomData),
+            spare: SpareMemory(PhantomData),
         };
         self.start_again(new, running, at);
-        (0, before, PairTable(PhantomData))
+        (0, before, MappingTable(PhantomData))
     }
 }

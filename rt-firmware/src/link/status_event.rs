@@ -1,12 +1,12 @@
-//! When a robot tells [news](esm_link::news).
+//! When a robot tells [status events](esm_link::status_event).
 
 use esm_link::message::Mode;
-use esm_link::news::{Cause, News, SHORTEST_PERIOD_MS};
+use esm_link::status_event::{Cause, SHORTEST_PERIOD_MS, StatusEvent};
 use esm_link::trial::FallBack;
 
 use crate::status::Health;
 
-/// A host's wish for news, and what it was told last.
+/// A host's wish for status events, and what it was told last.
 #[derive(Debug)]
 pub(crate) struct Watch {
     period_us: u64,
@@ -40,8 +40,8 @@ impl Watch {
         }
     }
 
-    /// The news that there are now, if there are any.
-    pub(crate) fn news(&mut self, now: Health, spoiled_frames: u32) -> Option<News> {
+    /// The status events that there are now, if there are any.
+    pub(crate) fn news(&mut self, now: Health, corrupt_frames: u32) -> Option<StatusEvent> {
         let tell = Told {
             mode: now.mode,
             mission: now.mission,
@@ -56,7 +56,7 @@ impl Watch {
         self.seq = seq.wrapping_add(1);
         self.sampled_us = now.t_us;
         self.told = Some(tell);
-        Some(News {
+        Some(StatusEvent {
             seq,
             cause,
             mode: now.mode,
@@ -69,7 +69,7 @@ impl Watch {
             missed: now.missed,
             overruns: now.overruns,
             max_delay_ns: now.max_delay_ns,
-            spoiled_frames,
+            corrupt_frames,
         })
     }
 
@@ -113,7 +113,7 @@ mod tests {
             ..runs(t_us)
         };
         let safe = Health {
-            mode: Mode::Safe(SafeReason::Missed),
+            mode: Mode::Safe(SafeReason::DeadlineMiss),
             ..runs(40_000)
         };
         let fell_back = Health {
@@ -143,7 +143,7 @@ mod tests {
             assert_eq!(news.map(|news| news.cause), expected, "{health:?}");
             if let Some(news) = news {
                 assert_eq!(
-                    (news.seq, news.mission, news.spoiled_frames),
+                    (news.seq, news.mission, news.corrupt_frames),
                     (seq, health.mission, 3)
                 );
                 seq += 1;

@@ -1,20 +1,22 @@
 //! What is kept across a reset, in RAM that no start-up code clears: why the firmware ended, how
-//! often it did so in a row, an emergency stop, and the flight recorder.
+//! often it did so in a row, an emergency stop, and the black box.
 //!
-//! A board has one [`Kept`], in a section of its own that nothing writes at the start. It calls
-//! [`Kept::begin`] first of all, which tells whether what stands there is its own, and gives it to
-//! the runtime in [`About`](crate::About). Whoever ends the firmware calls [`Kept::end`].
+//! A board has one [`RetainedRam`], in a section of its own that nothing writes at the start. It
+//! calls [`RetainedRam::begin`] first of all, which tells whether what stands there is its own, and
+//! gives it to the runtime in [`About`](crate::About). Whoever ends the firmware calls
+//! [`RetainedRam::end`].
 //!
 //! All of it is words that are only loaded and stored, and of which every pattern is valid: so
-//! memory that holds what power-on left there is a `Kept` too, which `begin` finds to be nobody's.
+//! memory that holds what power-on left there is a `RetainedRam` too, which `begin` finds to be
+//! nobody's.
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use crate::black_box::BlackBox;
-use crate::supervision::SLOT_0_BOUND_US;
+use crate::supervision::BACKGROUND_BOUND_US;
 use esm_link::black_box::Event;
 use esm_link::frame::checksum;
-use esm_link::message::{CoreFault, LastWords, MAX_PLACE_BYTES, ResetReason, Silent};
+use esm_link::message::{CoreFault, CrashReport, MAX_PLACE_BYTES, ResetReason, Silent};
 
 const PLACE_WORDS: usize = MAX_PLACE_BYTES / size_of::<u32>();
 /// Words of a report: reason and length of the place; line; task; five of a fault; time, two; who
@@ -24,7 +26,7 @@ const REPORT_WORDS: usize = 1 + 1 + 1 + 5 + 2 + 1 + PLACE_WORDS + 1;
 /// A start that is followed by so much robot time, in µs, was a good one: more than it takes until
 /// any silence is found in a mission whose periods are short.
 pub const HEALTHY_US: u64 = 60_000_000;
-const _: () = assert!(HEALTHY_US > 2 * SLOT_0_BOUND_US as u64);
+const _: () = assert!(HEALTHY_US > 2 * BACKGROUND_BOUND_US as u64);
 /// After so many bad starts in a row no mission starts by itself.
 pub const BAD_STARTS: u32 = 3;
 
@@ -42,7 +44,7 @@ const NO_TASK: u32 = u32::MAX;
 
 /// What a board knows of its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ending<'a> {
+pub enum CrashCause<'a> {
     /// A panic, at this place.
     Panic {
         /// The file.
@@ -56,20 +58,20 @@ pub enum Ending<'a> {
     Watchdog,
 }
 
-impl Ending<'_> {
+impl CrashCause<'_> {
     fn reason(&self) -> ResetReason {
         match self {
-            Ending::Panic { .. } => ResetReason::Panic,
-            Ending::Fault(_) => ResetReason::CpuFault,
-            Ending::Watchdog => ResetReason::Watchdog,
+            CrashCause::Panic { .. } => ResetReason::Panic,
+            CrashCause::Fault(_) => ResetReason::CpuFault,
+            CrashCause::Watchdog => ResetReason::Watchdog,
         }
     }
 
     fn detail(&self) -> u32 {
         match self {
-            Ending::Panic { line, .. } => *line,
-            Ending::Fault(fault) => fault.pc,
-            Ending::Watchdog => 0,
+            CrashCause::Panic { line, .. } => *line,
+            CrashCause::Fault(fault) => fault.pc,
+            CrashCause::Watchdog => 0,
         }
     }
 }
@@ -89,7 +91,7 @@ impl Place {
 }
 
 /// What is kept.
-pub struct Kept {
+pub struct RetainedRam {
     mark: AtomicU32,
     report: [AtomicU32; REPORT_WORDS],
     /// Whether the report is of the run of the firmware that has just ended.
@@ -101,27 +103,27 @@ pub struct Kept {
     /// Starts after a watchdog, a panic or a fault, one after another, none of which lasted for
     /// [`HEALTHY_US`].
     bad_starts: AtomicU32,
-    /// Robot time, 48 bits and more, as of the last occurrence of the interpreter's slot.
+    /// Robot time, 48 bits and more, as of the last activation of the interpreter's slot.
     alive_us: [AtomicU32; 2],
     /// [`RELEASED`], or an emergency stop is latched.
     emergency_stop: AtomicU32,
     /// What is left of each allowance for erases of the flash. More than there can be is all of it.
     allowances: [AtomicU32; ALLOWANCES],
-    /// The flight recorder.
+    /// The black box.
     pub black_box: BlackBox,
 }
 
-impl Default for Kept {
+impl Default for RetainedRam {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Kept {
+impl RetainedRam {
     /// What power-on leaves on a board whose RAM is zeros then. A board whose RAM is anything puts
     /// none of this there.
     pub const fn new() -> Self {
-        Kept {
+        RetainedRam {
             mark: AtomicU32::new(0),
             report: [const { AtomicU32::new(0) }; REPORT_WORDS],
             is_news: AtomicU32::new(0),
@@ -138,8 +140,8 @@ impl Kept {
     /// The firmware starts. `hardware` is what the chip says of the reset, if it says anything.
     /// Tells why it started. To be called once, before anything else of this.
     ///
-    /// Last words come before what the chip says: a firmware that ends itself does so by a reset of
-    /// the software's. A reset without either, of a firmware that was here before, is the
+    /// Crash report come before what the chip says: a firmware that ends itself does so by a reset
+    /// of the software's. A reset without either, of a firmware that was here before, is the
     /// watchdog's own, which struck where nothing could be written any more.
     pub fn begin(&self, hardware: Option<ResetReason>) -> ResetReason {
         let was_here = self.mark.load(Relaxed) == MARK;
@@ -167,10 +169,10 @@ impl Kept {
         };
         if !has_news {
             // Nobody has said how far the run had come, but that stands here.
-            let words = LastWords {
+            let words = CrashReport {
                 after_us: if was_here { self.alive_us() } else { 0 },
                 silent,
-                ..LastWords::of(reason)
+                ..CrashReport::of(reason)
             };
             self.write_report(&words, "");
         }
@@ -200,19 +202,19 @@ impl Kept {
     }
 
     /// The firmware ends. To be called once, by the one that never returns; the reset follows.
-    pub fn end(&self, ending: &Ending<'_>) {
+    pub fn end(&self, ending: &CrashCause<'_>) {
         let task = self.task.load(Relaxed);
         let (file, line) = match *ending {
-            Ending::Panic { file, line } => (file, line),
+            CrashCause::Panic { file, line } => (file, line),
             _ => ("", 0),
         };
-        let words = LastWords {
+        let words = CrashReport {
             reason: ending.reason(),
             after_us: self.alive_us(),
             task: u16::try_from(task).ok(),
             line,
             fault: match ending {
-                Ending::Fault(fault) => *fault,
+                CrashCause::Fault(fault) => *fault,
                 _ => CoreFault::default(),
             },
             silent: Silent::from_number(self.silent.load(Relaxed)),
@@ -265,9 +267,9 @@ impl Kept {
     }
 
     /// How the run before this one ended, and the place of its panic.
-    pub fn last_words(&self) -> (LastWords, Place) {
+    pub fn crash_report(&self) -> (CrashReport, Place) {
         self.read_report().unwrap_or((
-            LastWords::of(ResetReason::PowerOn),
+            CrashReport::of(ResetReason::PowerOn),
             Place {
                 bytes: [0; MAX_PLACE_BYTES],
                 len: 0,
@@ -297,7 +299,7 @@ impl Kept {
         u64::from(high.load(Relaxed)) << 32 | u64::from(low.load(Relaxed))
     }
 
-    fn write_report(&self, words: &LastWords, file: &str) {
+    fn write_report(&self, words: &CrashReport, file: &str) {
         let file = file.as_bytes();
         let end = file
             .get(file.len().saturating_sub(MAX_PLACE_BYTES)..)
@@ -341,7 +343,7 @@ impl Kept {
         }
     }
 
-    fn read_report(&self) -> Option<(LastWords, Place)> {
+    fn read_report(&self) -> Option<(CrashReport, Place)> {
         let report = self.report.each_ref().map(|word| word.load(Relaxed));
         let [
             first,
@@ -366,7 +368,7 @@ impl Kept {
         for (place, byte) in bytes.iter_mut().zip(letters) {
             *place = byte;
         }
-        let words = LastWords {
+        let words = CrashReport {
             reason: ResetReason::from_number((first >> 8) as u8)?,
             after_us: u64::from(after_high) << 32 | u64::from(after),
             task: u16::try_from(task).ok(),
@@ -408,7 +410,7 @@ mod tests {
         address: 0xE000_ED38,
     };
 
-    fn records(kept: &Kept) -> Vec<Event> {
+    fn records(kept: &RetainedRam) -> Vec<Event> {
         let mut from = None;
         let mut events = Vec::new();
         while let Some(record) = kept.black_box.first_from(from) {
@@ -424,11 +426,11 @@ mod tests {
     #[test]
     fn what_ends_the_firmware_is_known_at_the_next_start_and_not_at_the_one_after() {
         let long = "/a/path/that/is/longer/than/what/is/kept/of/it/src/tasks/cruise.rs";
-        let kept = Kept::new();
+        let kept = RetainedRam::new();
         assert_eq!(kept.begin(None), ResetReason::PowerOn);
         for (ending, reason, place, line, fault) in [
             (
-                Ending::Panic {
+                CrashCause::Panic {
                     file: "src/x.rs",
                     line: 7,
                 },
@@ -438,7 +440,7 @@ mod tests {
                 CoreFault::default(),
             ),
             (
-                Ending::Panic {
+                CrashCause::Panic {
                     file: long,
                     line: 70_000,
                 },
@@ -447,9 +449,15 @@ mod tests {
                 70_000,
                 CoreFault::default(),
             ),
-            (Ending::Fault(FAULT), ResetReason::CpuFault, "", 0, FAULT),
             (
-                Ending::Watchdog,
+                CrashCause::Fault(FAULT),
+                ResetReason::CpuFault,
+                "",
+                0,
+                FAULT,
+            ),
+            (
+                CrashCause::Watchdog,
                 ResetReason::Watchdog,
                 "",
                 0,
@@ -461,8 +469,8 @@ mod tests {
             kept.end(&ending);
             // The chip calls it a reset by software: what the firmware said comes first.
             assert_eq!(kept.begin(Some(ResetReason::Software)), reason);
-            let (words, told) = kept.last_words();
-            let expected = LastWords {
+            let (words, told) = kept.crash_report();
+            let expected = CrashReport {
                 reason,
                 after_us: 1 << 33 | 4,
                 task: Some(5),
@@ -475,17 +483,17 @@ mod tests {
             assert_eq!(told.as_bytes(), place.as_bytes());
             // Somebody presses the button.
             assert_eq!(kept.begin(Some(ResetReason::Pin)), ResetReason::Pin);
-            assert_eq!(kept.last_words().0, LastWords::of(ResetReason::Pin));
+            assert_eq!(kept.crash_report().0, CrashReport::of(ResetReason::Pin));
         }
     }
 
     #[test]
     fn a_reset_that_nobody_explains_is_the_watchdogs_where_there_was_a_firmware() {
-        let kept = Kept::new();
+        let kept = RetainedRam::new();
         kept.begin(None);
         kept.set_alive(77);
         assert_eq!(kept.begin(None), ResetReason::Watchdog);
-        assert_eq!(kept.last_words().0.after_us, 77);
+        assert_eq!(kept.crash_report().0.after_us, 77);
         assert_eq!(
             kept.begin(Some(ResetReason::BrownOut)),
             ResetReason::BrownOut
@@ -494,15 +502,15 @@ mod tests {
 
     #[test]
     fn a_robot_that_resets_again_and_again_starts_no_mission_by_itself_until_a_start_was_good() {
-        let kept = Kept::new();
+        let kept = RetainedRam::new();
         kept.begin(None);
         for bad in 1..=BAD_STARTS {
             assert!(kept.may_start_by_itself());
             kept.set_alive(HEALTHY_US - 1);
             kept.set_silent(Silent::Slot(2));
-            kept.end(&Ending::Watchdog);
+            kept.end(&CrashCause::Watchdog);
             kept.begin(Some(ResetReason::Software));
-            let words = kept.last_words().0;
+            let words = kept.crash_report().0;
             assert_eq!(
                 (words.silent, words.bad_starts),
                 (Some(Silent::Slot(2)), bad)
@@ -512,7 +520,7 @@ mod tests {
         kept.set_alive(HEALTHY_US);
         assert!(kept.may_start_by_itself());
         // Somebody presses the button, which is a start like any first.
-        kept.end(&Ending::Watchdog);
+        kept.end(&CrashCause::Watchdog);
         kept.begin(None);
         assert_eq!(kept.bad_starts(), 1);
         assert_eq!(kept.begin(Some(ResetReason::Pin)), ResetReason::Pin);
@@ -522,7 +530,7 @@ mod tests {
     #[test]
     #[cfg_attr(not(feature = "black-box"), ignore = "there is no room for records")]
     fn what_power_on_left_is_no_reason_and_no_record() {
-        let kept = Kept::new();
+        let kept = RetainedRam::new();
         for (number, word) in (0u32..).zip(&kept.report) {
             word.store(number.wrapping_mul(0x0101_0101) ^ 0x5555_5555, Relaxed);
         }
@@ -534,9 +542,9 @@ mod tests {
     #[test]
     #[cfg_attr(not(feature = "black-box"), ignore = "there is no room for records")]
     fn a_report_that_was_torn_is_none_but_the_records_stay() {
-        let kept = Kept::new();
+        let kept = RetainedRam::new();
         kept.begin(None);
-        kept.end(&Ending::Fault(FAULT));
+        kept.end(&CrashCause::Fault(FAULT));
         kept.report[3].store(0, Relaxed);
         assert_eq!(kept.begin(None), ResetReason::Watchdog);
         assert_eq!(

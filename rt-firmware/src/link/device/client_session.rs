@@ -67,7 +67,7 @@ impl Taken {
     fn is(&self, message: &[u8]) -> bool {
         let taken = self.bytes.get(..usize::from(self.len));
         let is_same_number = || self.bytes.first() == message.first();
-        self.len > 0 && (taken == Some(message) || planted!(ToldByNumber) && is_same_number())
+        self.len > 0 && (taken == Some(message) || mutant!(ToldByNumber) && is_same_number())
     }
 
     fn set(&mut self, message: &[u8]) {
@@ -93,7 +93,7 @@ pub(super) enum Before {
 }
 
 /// Requests and answers of one side.
-pub(super) struct Conversation {
+pub(super) struct ClientSession {
     /// The message whose answer the reply is.
     answered: Taken,
     /// The message whose answer the real-time side will bring.
@@ -111,8 +111,8 @@ pub(super) struct Conversation {
     acknowledges: bool,
 }
 
-impl Conversation {
-    pub(super) const NEW: Conversation = Conversation {
+impl ClientSession {
+    pub(super) const NEW: ClientSession = ClientSession {
         answered: Taken::NOTHING,
         asked: Taken::NOTHING,
         waiting: Taken::NOTHING,

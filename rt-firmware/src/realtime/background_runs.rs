@@ -1,59 +1,61 @@
-//! Runs of slot-0 tasks: they are started in occurrences of slots, executed by the background, and
-//! taken back in another occurrence.
+//! Runs of background tasks: they are started in activations of slots, executed by the background,
+//! and taken back in another activation.
 //!
-//! *Invariant:* there is one job, so that one run is under way at most; whoever waits longest is
-//! started next.
+//! *Invariant:* there is one background run, so that one run is under way at most; whoever waits
+//! longest is started next.
 
 use esm_core::tables::Tables;
 
 use super::RealTime;
+use super::activation::Activation;
 use super::execution::{apply_flags, find_params};
-use super::occurrence::Occurrence;
 use super::tasks::TaskTable;
-use crate::ports::Harvest;
+use crate::ports::ReturnedRun;
 use esm_link::message::Mode;
-use esm_link::trace::TraceRecord;
+use esm_link::trace::TraceEvent;
 
 impl RealTime<'_, '_> {
-    /// Takes a slot-0 run back that has ended, and starts another one, in the occurrence that began
-    /// last. It has no macro step.
+    /// Takes a background run back that has ended, and starts another one, in the activation that
+    /// began last. It has no macro step.
     #[inline(never)]
-    pub(super) fn change_jobs(&mut self, slot: usize, start_us: u64) {
+    pub(super) fn change_runs(&mut self, slot: usize, start_us: u64) {
         if self.mode != Mode::Running {
             return;
         }
         let Some(mission) = &self.mission else {
             return;
         };
-        let occurrence = Occurrence {
+        let activation = Activation {
             slot,
             start_us,
-            number: mission.occurrences.saturating_sub(1),
+            number: mission.activations.saturating_sub(1),
             interpreter: false,
         };
-        self.take_job_back(Some(&occurrence));
-        self.start_job(start_us, occurrence.number);
+        self.take_run_back(Some(&activation));
+        self.start_run(start_us, activation.number);
     }
 
-    /// Takes back a slot-0 run that has ended; that becomes known in this occurrence. There is none
-    /// where there is no mission.
-    pub(super) fn take_job_back(&mut self, occurrence: Option<&Occurrence>) {
+    /// Takes back a background run that has ended; that becomes known in this activation. There is
+    /// none where there is no mission.
+    pub(super) fn take_run_back(&mut self, activation: Option<&Activation>) {
         let Some(place) = self.from_background.dequeue() else {
             return;
         };
-        let job = place.take();
-        self.job = Some(place);
+        let background_run = place.take();
+        self.background_run = Some(place);
         self.tasks.look_again();
         let running = self.running.take();
-        let Some(job) = job else { return };
-        let (Some(mission), Some(occurrence)) = (&mut self.mission, occurrence) else {
-            self.executor.harvest(job, 0);
+        let Some(background_run) = background_run else {
+            return;
+        };
+        let (Some(mission), Some(activation)) = (&mut self.mission, activation) else {
+            self.executor.return_run(background_run, 0);
             return;
         };
         let index = usize::from(running.unwrap_or(u16::MAX));
-        let step_us = mission.noting_step_us(occurrence);
-        let harvest = self.executor.harvest(job, step_us);
-        let (Some(instance), Harvest::Ended(outcome)) = (running, harvest) else {
+        let step_us = mission.noting_step_us(activation);
+        let returned = self.executor.return_run(background_run, step_us);
+        let (Some(instance), ReturnedRun::Ended(outcome)) = (running, returned) else {
             return;
         };
         self.failure = self.failure.or(outcome.failure);
@@ -72,16 +74,16 @@ impl RealTime<'_, '_> {
             self.tasks.disable(instance);
             self.trace.write_next_in_full();
         }
-        self.trace.record(TraceRecord::JobEnded {
+        self.trace.record(TraceEvent::BackgroundRunEnded {
             task_instance: instance,
-            occurrence: occurrence.number,
+            activation: activation.number,
         });
     }
 
-    /// Starts the slot-0 run that has waited longest and can be started, and marks as busy those
-    /// that cannot.
+    /// Starts the background run that has waited longest and can be started, and marks as busy
+    /// those that cannot.
     #[inline(never)]
-    pub(super) fn start_job(&mut self, start_us: u64, number: u64) {
+    pub(super) fn start_run(&mut self, start_us: u64, number: u64) {
         let Some(mission) = &mut self.mission else {
             return;
         };
@@ -95,48 +97,51 @@ impl RealTime<'_, '_> {
             younger_than = Some(age);
             let index = usize::from(instance);
             let place = self.tasks.place(instance);
-            let blocked = self.executor.lent() == Some(place) || !self.tasks.may_run(instance);
-            if !blocked && self.job.is_none() {
+            let blocked =
+                self.executor.checked_out() == Some(place) || !self.tasks.may_run(instance);
+            if !blocked && self.background_run.is_none() {
                 // It waits for another task's run to end, which is not being busy.
                 interpreter.set_busy(index, false);
                 continue;
             }
             let record = self.tasks.record(instance).filter(|_| !blocked);
-            let job = record.and_then(|record| {
+            let background_run = record.and_then(|record| {
                 let places = record.places;
                 self.executor
-                    .lend_bound(&record.binding, step_us, |inputs, declared| {
+                    .checkout_bound(&record.binding, step_us, |inputs, declared| {
                         inputs.now_us = t_us;
                         inputs.flags = interpreter.control_flags_at(&places);
                         find_params(interpreter, params, &places, declared.params.len(), inputs);
                     })
             });
-            if job.is_none() && !blocked {
+            if background_run.is_none() && !blocked {
                 // Any execution may bring the value that it lacks.
                 self.tasks.look_again();
             }
             if interpreter.is_current(index) {
-                interpreter.set_busy(index, job.is_none());
+                interpreter.set_busy(index, background_run.is_none());
             }
-            let Some(job) = job else { continue };
-            let Some(carrier) = self.job.take() else {
+            let Some(background_run) = background_run else {
                 continue;
             };
-            *carrier = Some(job);
-            // There is one job, so that there is room for it.
-            self.job = self.to_background.enqueue(carrier).err();
+            let Some(carrier) = self.background_run.take() else {
+                continue;
+            };
+            *carrier = Some(background_run);
+            // There is one background run, so that there is room for it.
+            self.background_run = self.to_background.enqueue(carrier).err();
             self.running = Some(instance);
             self.tasks.executed(instance);
-            self.trace.record(TraceRecord::JobStarted {
+            self.trace.record(TraceEvent::BackgroundRunStarted {
                 task_instance: instance,
-                occurrence: number,
+                activation: number,
             });
         }
     }
 }
 
-/// The slot-0 task instance that was enabled longest ago among those that wait to be started, if
-/// younger than the last one looked at.
+/// The background task instance that was enabled longest ago among those that wait to be started,
+/// if younger than the last one looked at.
 fn oldest_waiting(tasks: &TaskTable<'_>, younger_than: Option<u32>) -> Option<(u16, u32)> {
     let mut oldest: Option<(u16, u32)> = None;
     let mut next = tasks.first_in_slot_0();

@@ -1,4 +1,4 @@
-//! Signs of life: the watchdog is fed while all show some who should, and the mission knows for how
+//! Heartbeats: the watchdog is fed while all show some who should, and the mission knows for how
 //! long the host has shown none.
 
 use core::sync::atomic::Ordering;
@@ -25,10 +25,10 @@ impl RealTime<'_, '_> {
             }
             silent
         };
-        let fed = self.supervision.allows_food(
+        let fed = self.supervision.may_feed(
             now_ticks,
             B::TICKS_PER_US,
-            self.signs,
+            self.heartbeats,
             self.mode == Mode::Running,
             first_silent_slot,
         );
@@ -39,9 +39,9 @@ impl RealTime<'_, '_> {
         }
     }
 
-    /// Looks whether the host has called, in an occurrence that starts at this robot time.
+    /// Looks whether the host has called, in an activation that starts at this robot time.
     pub(super) fn listen(&mut self, robot_us: u64) {
-        let requests = self.signs.requests.load(Ordering::Relaxed);
+        let requests = self.heartbeats.requests.load(Ordering::Relaxed);
         if requests != self.requests {
             self.requests = requests;
             self.heard_us = robot_us;

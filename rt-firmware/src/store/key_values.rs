@@ -2,23 +2,23 @@
 //! key that is installed.
 //!
 //! A record is up to [`MAX_VALUE_BYTES`] under a number, its key. All of them together are one
-//! table, which stands in RAM, where [`get`](Records::get) finds a record without a look at the
+//! table, which stands in RAM, where [`get`](KeyValues::get) finds a record without a look at the
 //! flash, and in two areas of the flash, which are [slots](super) as those of missions are.
-//! [`put`](Records::put) writes the whole table, with the new record in it, to the area that is not
-//! in use, and confirms it there; then to the other, in the same way. So all that is promised of
-//! missions holds: a record that was acknowledged is not lost, one whose writing was cut is there
-//! with its new value or with its old one, from the next [`open`](Records::open) on always the
-//! same, and records are whole or not there.
+//! [`put`](KeyValues::put) writes the whole table, with the new record in it, to the area that is
+//! not in use, and confirms it there; then to the other, in the same way. So all that is promised
+//! of missions holds: a record that was acknowledged is not lost, one whose writing was cut is
+//! there with its new value or with its old one, from the next [`open`](KeyValues::open) on always
+//! the same, and records are whole or not there.
 //!
 //! # Damage
 //! What was acknowledged is there twice: bits of one area that change by themselves, or that cannot
 //! be read, lose nothing, and the next `open` writes the table anew there. Only where the writing
 //! of a table was cut, or failed, there is one of it until the next `open`. Damage of that one
 //! is [`Found::Damage`]: the records are not known, and what is in the flash stays as it is until
-//! they are [renewed](Records::renew).
+//! they are [renewed](KeyValues::renew).
 //!
 //! That there were records is kept apart from them, in a journal behind the areas, in erase units
-//! of its own: each [`put`](Records::put) adds an entry, which has the sequence number that both
+//! of its own: each [`put`](KeyValues::put) adds an entry, which has the sequence number that both
 //! areas have at least, and a copy of the robot's key. So neither areas that are damaged beyond
 //! what a header tells, nor an old one that was put back beside an erased one, are taken for a
 //! robot without a key, or for one that was not stopped. Only a flash that is blank, or whose first
@@ -50,11 +50,11 @@
 //! #     }
 //! # }
 //! # let flash = Chip([0xFF; 6144]);
-//! use rt_firmware::store::{Layout, records::{Key, Records}};
+//! use rt_firmware::store::{Layout, key_values::{Key, Records}};
 //!
 //! let mut room = [0; 512];
 //! // Two areas of 2 KiB each from the byte 0 of the flash on, and the journal behind them.
-//! let mut records = Records::open(flash, Layout::new(0, 2048), &mut room)?;
+//! let mut records = KeyValues::open(flash, Layout::new(0, 2048), &mut room)?;
 //! assert_eq!(records.get(Key(7)), None);
 //! records.put(Key(7), b"seven").expect("the flash takes it");
 //! assert_eq!(records.get(Key(7)), Some(&b"seven"[..]));
@@ -69,26 +69,26 @@
 //! after damage, and else nothing. A flash that lasts 10,000 erases lasts 10,000 puts.
 //!
 //! # Limits
-//! The table has as many bytes as the room that [`open`](Records::open) is given, or as an area has
-//! behind its head, whichever is less; a record takes two bytes more than its value. Where the
+//! The table has as many bytes as the room that [`open`](KeyValues::open) is given, or as an area
+//! has behind its head, whichever is less; a record takes two bytes more than its value. Where the
 //! writing of a table was cut before it was confirmed, damage of the new one brings back the one
 //! before; and so does damage in its head, as long as there is one of it: that `put` was not
 //! acknowledged. Who puts back all of the flash as it was, areas and journal, is not noticed.
 
 use embedded_storage::nor_flash::NorFlash;
 
-use esm_link::message::{RecordsState, SlotState, WayIn};
+use esm_link::message::{BankState, KeyValuesState, WayIn};
 
 use super::journal::{self, Journal, KeyCopy, WORN_BITS};
 use super::layout::is_newer;
-use super::{Choice, Layout, LayoutError, Slot, Store};
-use esm_link::key_store::{KeyRecord, NotKept};
+use super::{Choice, FlashBank, Layout, LayoutError, Store};
+use esm_link::key_store::{NotStored, StoredKey};
 
 /// The longest value of a record, in bytes.
 pub const MAX_VALUE_BYTES: usize = 64;
 
 /// Bytes of a record before its value: its key and its length.
-const HEAD_BYTES: usize = 2;
+const HEADER_BYTES: usize = 2;
 
 /// Which record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -104,12 +104,12 @@ impl Key {
     pub(crate) const WAITS: Key = Key(6);
 }
 
-impl From<KeyRecord> for Key {
-    fn from(record: KeyRecord) -> Self {
+impl From<StoredKey> for Key {
+    fn from(record: StoredKey) -> Self {
         Key(match record {
-            KeyRecord::Key => return Key::OWNER,
-            KeyRecord::Counter => 2,
-            KeyRecord::Starts => 3,
+            StoredKey::Key => return Key::OWNER,
+            StoredKey::Counter => 2,
+            StoredKey::Starts => 3,
         })
     }
 }
@@ -141,12 +141,12 @@ pub enum Found {
     Table,
     /// There was a table, and it is not whole, or cannot be read, or is an old one. A robot must
     /// not take this for one that never had records. Nothing is kept until the records are
-    /// [renewed](Records::renew), the flash is erased, or reads well.
+    /// [renewed](KeyValues::renew), the flash is erased, or reads well.
     Damage,
 }
 
 /// The records, and the flash that keeps them.
-pub struct Records<'m, F> {
+pub struct KeyValues<'m, F> {
     store: Store<F>,
     journal: Journal,
     /// The table is the first `len` bytes: records, each its key, its length, and its value. No key
@@ -164,7 +164,7 @@ pub struct Records<'m, F> {
     flaws: u32,
 }
 
-impl<'m, F: NorFlash> Records<'m, F> {
+impl<'m, F: NorFlash> KeyValues<'m, F> {
     /// Reads the table into `room`.
     ///
     /// # Errors
@@ -172,7 +172,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
     pub fn open(flash: F, layout: Layout, room: &'m mut [u8]) -> Result<Self, LayoutError> {
         let capacity = room.len().min(layout.payload_capacity() as usize);
         let room = room.get_mut(..capacity).unwrap_or_default();
-        let (_, journal_at) = layout.bounds(Slot::B);
+        let (_, journal_at) = layout.bounds(FlashBank::B);
         let flash_bytes = flash.capacity();
         let mut store = Store::new(flash, layout)?;
         let erase_bytes = F::ERASE_SIZE as u32;
@@ -183,8 +183,8 @@ impl<'m, F: NorFlash> Records<'m, F> {
         let mut journal = Journal::new(journal_at, erase_bytes);
         journal.scan(&mut store.flash);
         let _ = store.choose(&mut [], |_| false);
-        let flaws = store.flaws(Slot::A) + store.flaws(Slot::B) + journal.flaws();
-        let mut records = Records {
+        let flaws = store.flaws(FlashBank::A) + store.flaws(FlashBank::B) + journal.flaws();
+        let mut records = KeyValues {
             store,
             journal,
             room,
@@ -210,11 +210,11 @@ impl<'m, F: NorFlash> Records<'m, F> {
     }
 
     /// How they are, for people.
-    pub fn state(&mut self) -> RecordsState {
+    pub fn state(&mut self) -> KeyValuesState {
         match self.found {
-            Found::Nothing => RecordsState::New,
-            Found::Table if self.is_twice => RecordsState::Whole,
-            Found::Table => RecordsState::Once,
+            Found::Nothing => KeyValuesState::New,
+            Found::Table if self.is_twice => KeyValuesState::Whole,
+            Found::Table => KeyValuesState::Once,
             Found::Damage => {
                 let way_in = match self.remembered().as_ref().map(KeyCopy::record) {
                     None | Some(None) => WayIn::Erase,
@@ -222,9 +222,9 @@ impl<'m, F: NorFlash> Records<'m, F> {
                     Some(Some(_)) => WayIn::Key,
                 };
                 if self.is_old {
-                    RecordsState::Older(way_in)
+                    KeyValuesState::Older(way_in)
                 } else {
-                    RecordsState::Unreadable(way_in)
+                    KeyValuesState::Unreadable(way_in)
                 }
             }
         }
@@ -281,12 +281,12 @@ impl<'m, F: NorFlash> Records<'m, F> {
             return Ok(());
         }
         let taken = match self.get(key) {
-            Some(before) => HEAD_BYTES + before.len(),
+            Some(before) => HEADER_BYTES + before.len(),
             None => 0,
         };
         let needed = match value.len() {
             0 => 0,
-            len => HEAD_BYTES + len,
+            len => HEADER_BYTES + len,
         };
         let capacity = self.room.len();
         if self.len - taken + needed > capacity {
@@ -323,7 +323,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
 
     /// Writes the records anew where there is damage: this key, and an emergency stop that is
     /// latched; nothing else is known. The owner of the key that is
-    /// [remembered](Records::remembered_key) has asked for it.
+    /// [remembered](KeyValues::remembered_key) has asked for it.
     ///
     /// # Errors
     /// Why that is not done. Unless the flash has taken it all the same, there is still damage.
@@ -363,12 +363,12 @@ impl<'m, F: NorFlash> Records<'m, F> {
     /// robot that had none for certain.
     ///
     /// # Errors
-    /// [`NotKept`]: it is not known, or has no room.
-    pub fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
-        let key = self.remembered().ok_or(NotKept)?;
-        let record = key.record().ok_or(NotKept)?;
+    /// [`NotStored`]: it is not known, or has no room.
+    pub fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotStored> {
+        let key = self.remembered().ok_or(NotStored)?;
+        let record = key.record().ok_or(NotStored)?;
         room.get_mut(..record.len())
-            .ok_or(NotKept)?
+            .ok_or(NotStored)?
             .copy_from_slice(record);
         Ok(record.len())
     }
@@ -391,7 +391,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
 
     /// The lesser of the sequence numbers of both areas.
     fn least_seq(&mut self) -> Option<u32> {
-        let [a, b] = [Slot::A, Slot::B].map(|slot| self.store.seq(slot));
+        let [a, b] = [FlashBank::A, FlashBank::B].map(|slot| self.store.seq(slot));
         let (a, b) = (a?, b?);
         Some(if is_newer(a, b) { b } else { a })
     }
@@ -416,14 +416,14 @@ impl<'m, F: NorFlash> Records<'m, F> {
     /// [`KeyStore::read`](esm_link::key_store::KeyStore::read) does.
     ///
     /// # Errors
-    /// [`NotKept`]: there is damage, or the record has no room.
-    pub fn read_of_key(&self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+    /// [`NotStored`]: there is damage, or the record has no room.
+    pub fn read_of_key(&self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
         if self.found == Found::Damage {
-            return Err(NotKept);
+            return Err(NotStored);
         }
         let kept = self.get(record.into()).unwrap_or_default();
         room.get_mut(..kept.len())
-            .ok_or(NotKept)?
+            .ok_or(NotStored)?
             .copy_from_slice(kept);
         Ok(kept.len())
     }
@@ -432,9 +432,9 @@ impl<'m, F: NorFlash> Records<'m, F> {
     /// [`KeyStore::write`](esm_link::key_store::KeyStore::write) does.
     ///
     /// # Errors
-    /// [`NotKept`]: there is damage, or the flash did not take it.
-    pub fn write_of_key(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), NotKept> {
-        self.put(record.into(), bytes).map_err(|_| NotKept)
+    /// [`NotStored`]: there is damage, or the flash did not take it.
+    pub fn write_of_key(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), NotStored> {
+        self.put(record.into(), bytes).map_err(|_| NotStored)
     }
 
     fn table(&self) -> &[u8] {
@@ -445,7 +445,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
     fn remove(&mut self, key: Key) {
         let mut at = 0;
         let found = records(self.table()).find_map(|(found, value)| {
-            let place = at..at + HEAD_BYTES + value.len();
+            let place = at..at + HEADER_BYTES + value.len();
             at = place.end;
             (found == key).then_some(place)
         });
@@ -472,7 +472,7 @@ impl<'m, F: NorFlash> Records<'m, F> {
         for (place, byte) in places.zip(head.iter().chain(value)) {
             *place = *byte;
         }
-        self.len += HEAD_BYTES + value.len();
+        self.len += HEADER_BYTES + value.len();
     }
 
     /// Writes the table to one area and then to the other.
@@ -550,17 +550,17 @@ impl<'m, F: NorFlash> Records<'m, F> {
             let (copy, is_confirmed) = (of_other.header, of_other.confirmed_rank().is_some());
             let is_same = copy.is_ok_and(|copy| (copy.len, copy.crc) == (header.len, header.crc));
             self.is_twice = is_same
-                && state == SlotState::Spare
+                && state == BankState::Spare
                 && self.store.payload_crc(other, header.len, &mut []) == Some(header.crc);
             if look == 0 && !self.is_twice && !chosen.on_trial {
                 continue;
             }
             // What was looked at before the one that was chosen is newer.
             let is_newer_damaged = match state {
-                SlotState::OtherFormat | SlotState::TooLong => true,
+                BankState::OtherFormat | BankState::TooLong => true,
                 // What was not confirmed was not acknowledged either.
-                SlotState::BrokenPayload => is_confirmed && !is_same,
-                SlotState::NoRoom { .. } | SlotState::Refused | SlotState::Unreadable => {
+                BankState::BrokenPayload => is_confirmed && !is_same,
+                BankState::NoRoom { .. } | BankState::Refused | BankState::Unreadable => {
                     copy.is_ok() && !is_same
                 }
                 _ => false,
@@ -598,7 +598,7 @@ const NO_RECORDS: [u8; 1] = [0];
 /// Whether these bytes are a table.
 fn is_table(bytes: &[u8]) -> bool {
     let known: usize = records(bytes)
-        .map(|(_, value)| HEAD_BYTES + value.len())
+        .map(|(_, value)| HEADER_BYTES + value.len())
         .sum();
     known == bytes.len() || *bytes == NO_RECORDS
 }

@@ -1,12 +1,12 @@
-//! The timer's entry, and an occurrence of a slot from its beginning to its end: the exchange with
-//! the body, in the interpreter's slot the macro step, the slot's tasks, a slot-0 run that has
+//! The timer's entry, and an activation of a slot from its beginning to its end: the exchange with
+//! the body, in the interpreter's slot the macro step, the slot's tasks, a background run that has
 //! ended or waits, what is counted.
 //!
-//! At the end of an occurrence the next one is looked up: its start, and the slot's first enabled
+//! At the end of an activation the next one is looked up: its start, and the slot's first enabled
 //! task. So its first task starts a constant number of instructions after the timer. What is due,
 //! but was not looked up, is the business of [`due`](super::due).
 //!
-//! *Invariant:* what was looked up does not change before its time. Nothing but occurrences changes
+//! *Invariant:* what was looked up does not change before its time. Nothing but activations changes
 //! what it depends on; who changes mode or mission besides [takes it back](RealTime::forget_next).
 
 use core::sync::atomic::Ordering;
@@ -19,22 +19,22 @@ use super::slots::SlotEntry;
 use super::tasks::NONE;
 use super::trace::StepObserver;
 use super::{IDLE_POLL_US, RealTime};
-use crate::board::{Board, OccurrenceStart, ticks};
+use crate::board::{ActivationStart, Board, ticks};
 use crate::features::{SPEED, WARM};
 use esm_link::message::{Mode, SafeReason};
 
-/// How long occurrences may follow one another, each looked up after the one before, without a look
+/// How long activations may follow one another, each looked up after the one before, without a look
 /// at the whole clock.
 const LOOK_US: u32 = 100_000;
-/// What starts later than this after the occurrence before is not looked up: who waits for so long
+/// What starts later than this after the activation before is not looked up: who waits for so long
 /// is looked at meanwhile.
 const NEAR_US: u32 = 2 * IDLE_POLL_US;
 
-/// The next occurrence, where it was looked up after the one before. It never is one of the
+/// The next activation, where it was looked up after the one before. It never is one of the
 /// interpreter's, which begins with a macro step.
 ///
 /// All that the timer's entry needs of a mission is bound here when the whole clock is looked at.
-/// From one occurrence to the next only 32-bit numbers change. What has 64 bits is worked out from
+/// From one activation to the next only 32-bit numbers change. What has 64 bits is worked out from
 /// them by [`settle`](RealTime::settle).
 #[derive(Clone, Copy)]
 pub(super) struct Next {
@@ -43,11 +43,11 @@ pub(super) struct Next {
     /// For how long from then it is on time; 0 where nothing is looked up.
     window_ticks: u32,
     duration_us: u32,
-    /// From the start of the occurrence before to this one's, and how long that one lasts; where
+    /// From the start of the activation before to this one's, and how long that one lasts; where
     /// [`ended`](Self::ended) is not 0.
     wait_us: u32,
     before_us: u32,
-    /// Occurrences that have ended since this was settled.
+    /// Activations that have ended since this was settled.
     ended: u32,
     /// The base of the dispatcher's queue on the board's clock, low half.
     base_ticks: u32,
@@ -74,7 +74,7 @@ impl Next {
     };
 }
 
-/// For how long an occurrence is on time, where this is the shortest period of all slots. What
+/// For how long an activation is on time, where this is the shortest period of all slots. What
 /// begins later than that may have been missed.
 #[cfg_attr(feature = "speed", inline(always))]
 fn mission_window<B: Board>(shortest_period_us: u32) -> u32 {
@@ -84,9 +84,9 @@ fn mission_window<B: Board>(shortest_period_us: u32) -> u32 {
     shortest_period_us.min(LONGEST_WINDOW_US) * B::TICKS_PER_US
 }
 
-/// An occurrence that is being executed.
+/// An activation that is being executed.
 #[derive(Clone, Copy)]
-pub(super) struct Occurrence {
+pub(super) struct Activation {
     pub(super) slot: usize,
     /// Nominal start since the origin.
     pub(super) start_us: u64,
@@ -107,7 +107,7 @@ impl RealTime<'_, '_> {
             return self.go_on(board, false);
         }
         let start = self.next_start::<B>();
-        if let Err(reason) = board.begin_occurrence(&start) {
+        if let Err(reason) = board.begin_activation(&start) {
             return self.begin_in_vain(board, &start, delay_ticks, reason);
         }
         let instance = self.next.instance;
@@ -128,7 +128,7 @@ impl RealTime<'_, '_> {
         self.next.wait_us = wait_us;
         self.next.before_us = self.next.duration_us;
         let mut may_have_failed = instance != NONE;
-        if self.from_background.ready() || instance != NONE && self.tasks.look_for_jobs() {
+        if self.from_background.ready() || instance != NONE && self.tasks.look_for_runs() {
             self.change_jobs_near(taken.slot);
             may_have_failed = true;
         }
@@ -148,7 +148,7 @@ impl RealTime<'_, '_> {
         self.next_start_ticks::<B>()
     }
 
-    /// When the occurrence starts that was looked up. A board that asks for the low half alone does
+    /// When the activation starts that was looked up. A board that asks for the low half alone does
     /// no arithmetic for it.
     #[cfg_attr(feature = "speed", inline(always))]
     fn next_start_ticks<B: Board>(&self) -> u64 {
@@ -159,15 +159,15 @@ impl RealTime<'_, '_> {
         whole & !LOW | u64::from(self.next.start_ticks)
     }
 
-    /// Changes slot-0 runs in an occurrence that was looked up.
+    /// Changes background runs in an activation that was looked up.
     #[inline(never)]
     fn change_jobs_near(&mut self, slot: usize) {
         self.settle();
         let next_us = self.dispatcher.next().start_us;
-        self.change_jobs(slot, next_us.saturating_sub(self.next.wait_us.into()));
+        self.change_runs(slot, next_us.saturating_sub(self.next.wait_us.into()));
     }
 
-    /// Ends an occurrence of a slot whose next start is far away.
+    /// Ends an activation of a slot whose next start is far away.
     #[cold]
     #[inline(never)]
     fn end_far<B: Board>(&mut self, board: &mut B, began_ticks: u32, delay_ticks: u32) -> u64 {
@@ -176,8 +176,8 @@ impl RealTime<'_, '_> {
         let taken = self.dispatcher.next();
         self.dispatcher.take_on_time();
         self.end(taken.start_us, duration_us);
-        if self.from_background.ready() || self.tasks.look_for_jobs() {
-            self.change_jobs(taken.slot, taken.start_us);
+        if self.from_background.ready() || self.tasks.look_for_runs() {
+            self.change_runs(taken.slot, taken.start_us);
         }
         let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks);
         self.count_time(took_ticks);
@@ -186,17 +186,17 @@ impl RealTime<'_, '_> {
         self.go_on(board, true)
     }
 
-    /// What a board is told of the next occurrence.
+    /// What a board is told of the next activation.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn next_start<B: Board>(&self) -> OccurrenceStart {
-        let dispatcher::Occurrence { slot, start_us } = self.dispatcher.next();
+    fn next_start<B: Board>(&self) -> ActivationStart {
+        let dispatcher::Activation { slot, start_us } = self.dispatcher.next();
         let (origin, number) =
             self.mission
                 .as_ref()
                 .map_or((Origin { ticks: 0, us: 0 }, 0), |mission| {
                     (
                         mission.origin,
-                        mission.occurrences + u64::from(self.next.ended),
+                        mission.activations + u64::from(self.next.ended),
                     )
                 });
         let since_us = origin.us + start_us;
@@ -204,7 +204,7 @@ impl RealTime<'_, '_> {
             0 => self.previous_end_us,
             _ => since_us - u64::from(self.next.wait_us) + u64::from(self.next.before_us),
         };
-        OccurrenceStart {
+        ActivationStart {
             slot,
             number,
             start_us: since_us,
@@ -214,13 +214,13 @@ impl RealTime<'_, '_> {
         }
     }
 
-    /// The occurrence that was looked up could not begin.
+    /// The activation that was looked up could not begin.
     #[cold]
     #[inline(never)]
     fn begin_in_vain<B: Board>(
         &mut self,
         board: &mut B,
-        start: &OccurrenceStart,
+        start: &ActivationStart,
         delay_ticks: u32,
         reason: SafeReason,
     ) -> u64 {
@@ -249,16 +249,16 @@ impl RealTime<'_, '_> {
         }
     }
 
-    /// An occurrence is over, as far as whoever asks for the time is concerned.
+    /// An activation is over, as far as whoever asks for the time is concerned.
     #[cfg_attr(feature = "speed", inline(always))]
     fn end(&mut self, start_us: u64, duration_us: u32) {
         if let Some(mission) = &mut self.mission {
-            mission.occurrences += 1;
+            mission.activations += 1;
             self.previous_end_us = mission.robot_us(start_us) + u64::from(duration_us);
         }
     }
 
-    /// Works out what was counted in 32 bits of the occurrences that were looked up: as long as the
+    /// Works out what was counted in 32 bits of the activations that were looked up: as long as the
     /// dispatcher's next one is what they left.
     pub(super) fn settle(&mut self) {
         let ended = core::mem::take(&mut self.next.ended);
@@ -266,14 +266,14 @@ impl RealTime<'_, '_> {
             && ended != 0
             && let Some(mission) = &mut self.mission
         {
-            mission.occurrences += u64::from(ended);
+            mission.activations += u64::from(ended);
             let start_us = self.dispatcher.next().start_us;
             let before_us = start_us.saturating_sub(self.next.wait_us.into());
             self.previous_end_us = mission.robot_us(before_us) + u64::from(self.next.before_us);
         }
     }
 
-    /// Looks up the next occurrence after one that was on time and was looked up itself. False if
+    /// Looks up the next activation after one that was on time and was looked up itself. False if
     /// it is due already, may be the first of another mission, or if the whole clock was not looked
     /// at for long.
     #[cfg_attr(feature = "speed", inline(always))]
@@ -302,17 +302,17 @@ impl RealTime<'_, '_> {
         true
     }
 
-    /// Whether the interpreter's next occurrence may be the first of another mission.
+    /// Whether the interpreter's next activation may be the first of another mission.
     #[inline(never)]
     fn may_change_mission(&self) -> bool {
         WARM && (self.waiting.is_some()
             || self.trial.is_some()
-            || self.signs.mission_is_coming.load(Ordering::Relaxed))
+            || self.heartbeats.mission_is_coming.load(Ordering::Relaxed))
     }
 
-    /// Looks up the dispatcher's next occurrence, which starts at this time, after a look at the
+    /// Looks up the dispatcher's next activation, which starts at this time, after a look at the
     /// whole clock.
-    pub(super) fn look_up<B: Board>(&mut self, next: dispatcher::Occurrence, start_ticks: u64) {
+    pub(super) fn look_up<B: Board>(&mut self, next: dispatcher::Activation, start_ticks: u64) {
         let Some(mission) = &self.mission else {
             return;
         };
@@ -341,7 +341,7 @@ impl RealTime<'_, '_> {
         }
     }
 
-    /// Prepares the first task of an occurrence. False if it cannot be executed.
+    /// Prepares the first task of an activation. False if it cannot be executed.
     #[inline(never)]
     fn prepare_first(&mut self, slot: usize) -> bool {
         if let Some(mission) = &self.mission {
@@ -362,11 +362,11 @@ impl RealTime<'_, '_> {
         self.next = Next::NOTHING;
     }
 
-    /// Executes an occurrence that began at `began_ticks`; its nominal start was at `start_ticks`.
+    /// Executes an activation that began at `began_ticks`; its nominal start was at `start_ticks`.
     pub(super) fn execute<B: Board>(
         &mut self,
         board: &mut B,
-        occurrence: &Occurrence,
+        activation: &Activation,
         began_ticks: u64,
         start_ticks: u64,
     ) {
@@ -374,30 +374,30 @@ impl RealTime<'_, '_> {
         let Some(mission) = &self.mission else {
             return;
         };
-        let start_us = mission.robot_us(occurrence.start_us);
-        let t_us = mission.t_us(occurrence.start_us);
-        let start = OccurrenceStart {
-            slot: occurrence.slot,
-            number: occurrence.number,
+        let start_us = mission.robot_us(activation.start_us);
+        let t_us = mission.t_us(activation.start_us);
+        let start = ActivationStart {
+            slot: activation.slot,
+            number: activation.number,
             start_us,
             start_ticks,
             previous_end_us: self.previous_end_us.min(start_us),
-            interpreter: occurrence.interpreter,
+            interpreter: activation.interpreter,
         };
-        let slot = self.tasks.lists.slots.get(occurrence.slot);
+        let slot = self.tasks.lists.slots.get(activation.slot);
         let duration_us = slot.map_or(0, SlotEntry::duration_us);
-        self.end(occurrence.start_us, duration_us);
+        self.end(activation.start_us, duration_us);
         self.count_delay::<B>(delay_ticks);
         if self.mode == Mode::EmergencyStopped {
             self.hold_still(board);
         }
-        if let Err(reason) = board.begin_occurrence(&start)
+        if let Err(reason) = board.begin_activation(&start)
             && self.mode == Mode::Running
         {
             self.fail_safe(board, reason);
         }
-        self.take_job_back(Some(occurrence));
-        if occurrence.interpreter {
+        self.take_run_back(Some(activation));
+        if activation.interpreter {
             self.send_answered();
             self.listen(start_us);
             if self.mode == Mode::Running {
@@ -407,23 +407,23 @@ impl RealTime<'_, '_> {
             }
         }
         if self.mode == Mode::Running {
-            let period_us = self.dispatcher.period_us(occurrence.slot);
+            let period_us = self.dispatcher.period_us(activation.slot);
             self.executor.begin(t_us, start_us, period_us);
             let now_ticks = board.now_low_ticks();
-            let slot = self.tasks.lists.slots.get(occurrence.slot);
+            let slot = self.tasks.lists.slots.get(activation.slot);
             let first = slot.map_or(NONE, SlotEntry::first_enabled);
             if first != NONE {
                 self.prepare_task(first);
             }
             self.execute_tasks(board, first, now_ticks, duration_us);
-            if self.tasks.look_for_jobs() {
-                self.start_job(occurrence.start_us, occurrence.number);
+            if self.tasks.look_for_runs() {
+                self.start_run(activation.start_us, activation.number);
             }
             let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks as u32);
-            self.count_execution(board, occurrence.slot, delay_ticks, took_ticks);
+            self.count_execution(board, activation.slot, delay_ticks, took_ticks);
             self.look_for_failure(board);
         }
-        if occurrence.interpreter {
+        if activation.interpreter {
             self.tell_health();
         }
     }

@@ -1,27 +1,27 @@
-//! Missions that the board keeps: the one that the robot starts with, and what the keeper remembers
-//! of trials and parameters.
+//! Missions that the board keeps: the one that the robot starts with, and what the mission store
+//! remembers of trials and parameters.
 
-use super::desk::Desk;
 use super::port::LinkPort;
+use super::request_handler::RequestHandler;
 use super::stage::verified;
 use crate::check::{check, check_slots};
-use crate::link::trial::{MissionKeeper, TRIAL_AT_START_MS};
-use crate::mail::{Freed, Letter};
+use crate::link::trial::{MissionStore, TRIAL_AT_START_MS};
+use crate::mailbox::{Command, Freed};
 use crate::realtime::params::SavedParams;
-use crate::store::keep::Start;
+use crate::store::flash_store::Start;
 use esm_link::message::{LinkError, Swap};
 
-impl Desk<'_, '_> {
-    /// Starts the mission that the board's keeper has for the robot, if it has one and may start
-    /// it: the keeper looks at its missions also if not. Returns false if that is to be tried
-    /// again, for the letter is under way.
+impl RequestHandler<'_, '_> {
+    /// Starts the mission that the board's mission store has for the robot, if it has one and may
+    /// start it: the mission store looks at its missions also if not. Returns false if that is to
+    /// be tried again, for the command is under way.
     // Not inlined: what it needs of the stack is needed for nothing else.
     #[inline(never)]
     pub(super) fn start_kept(&mut self, port: &mut impl LinkPort, may_start: bool) -> bool {
-        let Some(keeper) = port.keeper() else {
+        let Some(mission_store) = port.mission_store() else {
             return true;
         };
-        if self.letter.is_none() {
+        if self.command.is_none() {
             return false;
         }
         let Some(mut blob) = self.blobs.iter_mut().find_map(Option::take) else {
@@ -30,7 +30,7 @@ impl Desk<'_, '_> {
         let (registry, capacities) = (self.registry, &self.capacities);
         let mut start = Start::Nothing;
         blob.fill(|room| {
-            start = keeper.choose(room, &mut |bytes| {
+            start = mission_store.choose(room, &mut |bytes| {
                 may_start
                     && check_slots(bytes, capacities).is_ok()
                     && esm_core::verify(bytes)
@@ -52,24 +52,24 @@ impl Desk<'_, '_> {
                 return true;
             }
         };
-        match (mission, &mut self.letter) {
-            (Ok(mission), Some(letter)) => {
+        match (mission, &mut self.command) {
+            (Ok(mission), Some(command)) => {
                 let trial_ms = if on_trial { TRIAL_AT_START_MS } else { 0 };
                 let swap = Swap {
                     warm: false,
                     trial_ms,
                 };
-                **letter = Letter::Swap {
+                **command = Command::Swap {
                     mission,
                     swap,
                     saved: saved_params(port),
                 };
                 // Nobody asked for it.
-                self.ticket = None;
+                self.pending = None;
                 self.post();
             }
             (Ok(mission), None) => {
-                let blob = self.rooms.take_apart(mission);
+                let blob = self.memories.take_apart(mission);
                 self.keep(blob);
             }
             // It was kept.
@@ -78,7 +78,8 @@ impl Desk<'_, '_> {
         true
     }
 
-    /// Takes buffers that missions were in, and lets the keeper remember which of them failed.
+    /// Takes buffers that missions were in, and lets the mission store remember which of them
+    /// failed.
     pub(super) fn take_freed(&mut self, port: &mut impl LinkPort) {
         while let Some(Freed {
             mut blob,
@@ -86,10 +87,10 @@ impl Desk<'_, '_> {
             fell_back,
         }) = self.freed.dequeue()
         {
-            self.rooms.keep(&mut blob, spare);
+            self.memories.keep(&mut blob, spare);
             self.keep(blob);
-            if let (Some(fell_back), Some(keeper)) = (fell_back, port.keeper()) {
-                self.start_wanted |= keeper.trial_failed(fell_back.mission);
+            if let (Some(fell_back), Some(mission_store)) = (fell_back, port.mission_store()) {
+                self.start_wanted |= mission_store.trial_failed(fell_back.mission);
             }
         }
         if self.start_wanted {
@@ -98,31 +99,35 @@ impl Desk<'_, '_> {
     }
 }
 
-/// Lets the keeper remember what a letter says of a trial.
-pub(super) fn keep_in_mind(
-    letter: &Letter<'_>,
-    keeper: Option<&mut dyn MissionKeeper>,
+/// Lets the mission store remember what a command says of a trial.
+pub(super) fn persist_trial(
+    command: &Command<'_>,
+    mission_store: Option<&mut dyn MissionStore>,
 ) -> Result<(), LinkError> {
-    let Some(keeper) = keeper else { return Ok(()) };
-    match *letter {
-        Letter::Swapped {
+    let Some(mission_store) = mission_store else {
+        return Ok(());
+    };
+    match *command {
+        Command::Swapped {
             mission,
             on_trial: false,
             ..
         }
-        | Letter::Confirmed { mission } => keeper.trial_confirmed(mission),
+        | Command::Confirmed { mission } => mission_store.trial_confirmed(mission),
         // What comes back as it went does not even begin.
-        Letter::Swap { ref mission, .. } => {
-            keeper.trial_failed(mission.mission().hash());
+        Command::Swap { ref mission, .. } => {
+            mission_store.trial_failed(mission.mission().hash());
             Ok(())
         }
-        Letter::Released => keeper.set_emergency_stop(false),
+        Command::Released => mission_store.set_emergency_stop(false),
         _ => Ok(()),
     }
 }
 
 /// What the board keeps of parameters.
 pub(super) fn saved_params(port: &mut impl LinkPort) -> SavedParams {
-    let keeper = port.keeper();
-    keeper.map_or(SavedParams::NONE, |keeper| keeper.saved_params())
+    let mission_store = port.mission_store();
+    mission_store.map_or(SavedParams::NONE, |mission_store| {
+        mission_store.saved_params()
+    })
 }

@@ -64,7 +64,7 @@ thread_local! {
 }
 
 /// Whether this defect is planted in this thread.
-pub(super) fn is_planted(bug: Bug) -> bool {
+pub(super) fn is_mutant(bug: Bug) -> bool {
     PLANTED.get() == Some(bug)
 }
 
@@ -159,7 +159,7 @@ fn reply(seq: u8, result: Result<Response<'_>, LinkError>, of: u8) -> Vec<u8> {
 mod owned {
     use esm_link::access::{NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
     use esm_link::frame::encode_with;
-    use esm_link::message::{Identity, PROVEN_HEAD_BYTES};
+    use esm_link::message::{Identity, PROVEN_HEADER_BYTES};
     use esm_link::proof::Session;
 
     use super::*;
@@ -271,7 +271,7 @@ mod owned {
             of,
         };
         let prove = |message: &mut [u8]| {
-            let (head, answer) = message.split_at_mut(PROVEN_HEAD_BYTES);
+            let (head, answer) = message.split_at_mut(PROVEN_HEADER_BYTES);
             head[2..].copy_from_slice(&session.of_answer(number, answer));
         };
         let length = encode_with(&message, &mut frame, prove).expect("it fits");

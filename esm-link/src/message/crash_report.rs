@@ -26,10 +26,10 @@ pub enum ResetReason {
 
 /// How a run of the firmware ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct LastWords {
+pub struct CrashReport {
     /// Why, and so why the robot started the last time.
     pub reason: ResetReason,
-    /// Robot time of the last occurrence of the interpreter's slot, in µs since that run's first
+    /// Robot time of the last activation of the interpreter's slot, in µs since that run's first
     /// macro step of its first mission; 0 if not known.
     pub after_us: u64,
     /// The task instance that was being executed by a slot, by its index in the mission's blob.
@@ -38,17 +38,17 @@ pub struct LastWords {
     pub line: u32,
     /// What the processor said of its fault, if it was one; zeros otherwise.
     pub fault: CoreFault,
-    /// Who showed no sign of life, so that the watchdog was fed no more.
+    /// Who showed no heartbeat, so that the watchdog was fed no more.
     pub silent: Option<Silent>,
     /// Starts after a watchdog, a panic or a fault in a row, this one included, none of which was
     /// healthy for long.
     pub bad_starts: u32,
 }
 
-impl LastWords {
+impl CrashReport {
     /// Of a run that left nothing but its reason.
     pub const fn of(reason: ResetReason) -> Self {
-        LastWords {
+        CrashReport {
             reason,
             after_us: 0,
             task: None,
@@ -89,29 +89,29 @@ pub enum Silent {
     Slot(u8),
     /// The link got no turn.
     Link,
-    /// A slot-0 task did not return, or slots left it no time.
-    Slot0,
+    /// A background task did not return, or slots left it no time.
+    Background,
     /// The link took the time of slot 0, with what came over the line: no doing of the mission's.
-    Slot0ForLink,
+    BackgroundForLink,
 }
 
 /// Behind the numbers of slots.
-const SLOT_0_FOR_LINK: u32 = 3 + u8::MAX as u32 + 1;
+const BACKGROUND_FOR_LINK: u32 = 3 + u8::MAX as u32 + 1;
 
 impl Silent {
     /// Whether it came of what somebody sent over the line. Such a reset is not counted against the
     /// mission.
     pub fn is_load_from_outside(self) -> bool {
-        self == Silent::Slot0ForLink
+        self == Silent::BackgroundForLink
     }
 
     /// Its number, as it is kept across a reset: 0 stands for nobody.
     pub fn number(self) -> u32 {
         match self {
             Silent::Link => 1,
-            Silent::Slot0 => 2,
+            Silent::Background => 2,
             Silent::Slot(slot) => 3 + u32::from(slot),
-            Silent::Slot0ForLink => SLOT_0_FOR_LINK,
+            Silent::BackgroundForLink => BACKGROUND_FOR_LINK,
         }
     }
 
@@ -120,8 +120,8 @@ impl Silent {
         match number {
             0 => None,
             1 => Some(Silent::Link),
-            2 => Some(Silent::Slot0),
-            SLOT_0_FOR_LINK => Some(Silent::Slot0ForLink),
+            2 => Some(Silent::Background),
+            BACKGROUND_FOR_LINK => Some(Silent::BackgroundForLink),
             slot => u8::try_from(slot - 3).ok().map(Silent::Slot),
         }
     }

@@ -1,9 +1,9 @@
 //! What a machine takes over from the one that ran before it: a warm swap.
 //!
-//! A [`Pairing`] says which regions and states are the same. A region goes on if the region of its
-//! path was active, and that one's state exists here under its name and is of the same kind. All
-//! else starts at `initial`. Events, slots, parameters and transitions are those of the new machine
-//! from its first macro step on. `docs/src/semantics.md` says it for people.
+//! A [`StateMapping`] says which regions and states are the same. A region goes on if the region of
+//! its path was active, and that one's state exists here under its name and is of the same kind.
+//! All else starts at `initial`. Events, slots, parameters and transitions are those of the new
+//! machine from its first macro step on. `docs/src/semantics.md` says it for people.
 //!
 //! Names are not looked at here, nor is anything looked for: time is proportional to the region
 //! instances of the new machine, and to the flags of what goes on.
@@ -12,8 +12,8 @@ use super::machine::{Blob, Machine, Mark};
 use crate::dispatcher::periods_in;
 use crate::format::{self, Section};
 use crate::layout::{instance, region_instance, state};
-use crate::pairing::Pairing;
 use crate::reads::access::Access;
+use crate::state_mapping::StateMapping;
 
 /// How much of a machine goes on as it was.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,7 +34,7 @@ impl<R: Access> Machine<'_, R> {
         &mut self,
         blob: Blob<'_, R>,
         before: Running<'_, '_, R>,
-        pairing: &Pairing<'_>,
+        mapping: &StateMapping<'_>,
         states: usize,
     ) -> TakenOver {
         let mut taken_over = TakenOver::default();
@@ -44,7 +44,7 @@ impl<R: Access> Machine<'_, R> {
             }
             if before.0.fault.is_none()
                 && self
-                    .take_state(blob, region, before, pairing, states)
+                    .take_state(blob, region, before, mapping, states)
                     .is_some()
             {
                 taken_over.regions += 1;
@@ -53,7 +53,7 @@ impl<R: Access> Machine<'_, R> {
             }
         }
         if before.0.fault.is_none() {
-            self.take_control_flags(before.0, pairing);
+            self.take_control_flags(before.0, mapping);
         }
         // Whoever was asleep wakes up once more, and all timers are looked at: too often does no
         // harm.
@@ -69,14 +69,14 @@ impl<R: Access> Machine<'_, R> {
         blob: Blob<'_, R>,
         region: usize,
         before: &Machine<'_, R>,
-        pairing: &Pairing<'_>,
+        mapping: &StateMapping<'_>,
         states: usize,
     ) -> Option<(usize, usize, usize)> {
-        let pair = pairing.region(region)?;
+        let pair = mapping.region(region)?;
         let old = before
             .is_marked(pair, Mark::Active)
             .then(|| before.current(pair))?;
-        let new = pairing.state(region, old)?;
+        let new = mapping.state(region, old)?;
         // A pairing can be that of other machines, and what is current must be a state of its
         // region: those are from its `initial` to the next one.
         let record = self.record(Section::RegionInstances, region);
@@ -96,10 +96,10 @@ impl<R: Access> Machine<'_, R> {
         blob: Blob<'_, R>,
         region: usize,
         (before, old_blob): Running<'_, '_, R>,
-        pairing: &Pairing<'_>,
+        mapping: &StateMapping<'_>,
         states: usize,
     ) -> Option<()> {
-        let (new_index, pair, old_index) = self.goes_on(blob, region, before, pairing, states)?;
+        let (new_index, pair, old_index) = self.goes_on(blob, region, before, mapping, states)?;
         self.set_current(region, new_index);
         let new = self.record(Section::States, new_index);
         let old = before.record(Section::States, old_index);
@@ -158,10 +158,10 @@ impl<R: Access> Machine<'_, R> {
     }
 
     /// Takes the control flags of superstates over that go on: those of the same name.
-    fn take_control_flags(&mut self, before: &Machine<'_, R>, pairing: &Pairing<'_>) {
+    fn take_control_flags(&mut self, before: &Machine<'_, R>, mapping: &StateMapping<'_>) {
         let flags = self.layout.flag_bits;
-        for [region, other, bit, other_bit] in pairing.flags() {
-            let was_current = pairing.region(region).is_some_and(|pair| {
+        for [region, other, bit, other_bit] in mapping.flags() {
+            let was_current = mapping.region(region).is_some_and(|pair| {
                 before.current(pair) == other && before.is_marked(pair, Mark::Active)
             });
             if was_current && self.is_marked(region, Mark::Active) && bit < flags {

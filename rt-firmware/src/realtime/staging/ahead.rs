@@ -3,9 +3,9 @@
 
 use core::marker::PhantomData;
 
-use esm_core::{BlobBuffer, BlobReader, Pairing, Verified};
+use esm_core::{BlobBuffer, BlobReader, StateMapping, Verified};
 
-use super::{Prepared, Resting, Room};
+use super::{MissionMemory, Prepared, StoppedMission};
 use crate::features::MISSIONS;
 use crate::ports::Registry;
 use crate::realtime::RealTime;
@@ -14,50 +14,53 @@ use crate::task::Direction;
 use esm_link::message::{Capacity, LinkError};
 
 /// The memory of a mission that has ended: it stays with the blob.
-pub(crate) type Spare<'m> = Room<'m>;
+pub(crate) type SpareMemory<'m> = MissionMemory<'m>;
 
 /// The table of what two missions have in common, on its way back.
-pub(crate) struct PairTable<'m>(Option<&'m mut [u16]>);
+pub(crate) struct MappingTable<'m>(Option<&'m mut [u16]>);
 
 /// What the link prepares missions in.
-pub(crate) struct Rooms<'m> {
-    rooms: [Option<Room<'m>>; MISSIONS],
+pub(crate) struct MissionMemories<'m> {
+    memories: [Option<MissionMemory<'m>>; MISSIONS],
     pairs: Option<&'m mut [u16]>,
     /// Of each mission that the real-time side has, somebody who reads its blob, too.
     readers: [Option<Verified<BlobReader<'m>>>; MISSIONS],
 }
 
 /// The real-time side has none of its own.
-pub(crate) struct OwnRoom<'m>(PhantomData<&'m mut ()>);
+pub(crate) struct OwnMemory<'m>(PhantomData<&'m mut ()>);
 
 /// What a mission has in common with the one of this hash.
 struct Common<'m> {
-    pairing: Pairing<'m>,
+    mapping: StateMapping<'m>,
     before: u32,
 }
 
 /// A mission that is to take over.
-pub(crate) struct Upcoming<'m> {
+pub(crate) struct StagedMission<'m> {
     prepared: Prepared<'m>,
     /// Of a warm swap, if there is a mission before.
     common: Option<Common<'m>>,
 }
 
-impl<'m> PairTable<'m> {
+impl<'m> MappingTable<'m> {
     fn of(common: Option<Common<'m>>) -> Self {
-        PairTable(common.map(|common| common.pairing.into_table()))
+        MappingTable(common.map(|common| common.mapping.into_table()))
     }
 }
 
-impl<'m> Rooms<'m> {
+impl<'m> MissionMemories<'m> {
     /// Of the memory for missions.
-    pub(crate) fn new(rooms: [Room<'m>; MISSIONS], pairs: &'m mut [u16]) -> (Self, OwnRoom<'m>) {
-        let rooms = Rooms {
-            rooms: rooms.map(Some),
+    pub(crate) fn new(
+        memories: [MissionMemory<'m>; MISSIONS],
+        pairs: &'m mut [u16],
+    ) -> (Self, OwnMemory<'m>) {
+        let memories = MissionMemories {
+            memories: memories.map(Some),
             pairs: Some(pairs),
             readers: [const { None }; MISSIONS],
         };
-        (rooms, OwnRoom(PhantomData))
+        (memories, OwnMemory(PhantomData))
     }
 
     /// Makes of a mission that was [checked](crate::check) what it needs, and finds out what it has
@@ -68,7 +71,7 @@ impl<'m> Rooms<'m> {
         mut mission: Verified<BlobBuffer<'m>>,
         warm: bool,
         registry: Registry<'_>,
-    ) -> Result<Upcoming<'m>, (LinkError, Option<BlobBuffer<'m>>)> {
+    ) -> Result<StagedMission<'m>, (LinkError, Option<BlobBuffer<'m>>)> {
         let common = match warm.then(|| self.compare(&mission, registry)).transpose() {
             Ok(common) => common.flatten(),
             Err(error) => return Err((error, Some(mission.into_bytes()))),
@@ -78,11 +81,11 @@ impl<'m> Rooms<'m> {
             *place = reader;
         }
         // There are as many rooms as buffers.
-        let room = self.rooms.iter_mut().find_map(Option::take);
-        let prepared = room.and_then(|room| Prepared::new(mission, room, registry));
+        let memory = self.memories.iter_mut().find_map(Option::take);
+        let prepared = memory.and_then(|memory| Prepared::new(mission, memory, registry));
         debug_assert!(prepared.is_some());
         prepared
-            .map(|prepared| Upcoming { prepared, common })
+            .map(|prepared| StagedMission { prepared, common })
             .ok_or((LinkError::Busy, None))
     }
 
@@ -99,7 +102,7 @@ impl<'m> Rooms<'m> {
         let Some(table) = self.pairs.take() else {
             return Err(LinkError::Busy);
         };
-        let mut pairing = Pairing::new(table);
+        let mut mapping = StateMapping::new(table);
         let outputs_of = |signature_hash| {
             let bank = registry.find(signature_hash);
             let declared = bank.and_then(|bank| registry.declaration(bank.into()));
@@ -109,13 +112,13 @@ impl<'m> Rooms<'m> {
                 .rev()
                 .fold(0, |outputs, is| outputs << 1 | u8::from(is))
         };
-        match pairing.find(&mission.tables(), &running.tables(), outputs_of) {
+        match mapping.find(&mission.tables(), &running.tables(), outputs_of) {
             Ok(()) => Ok(Some(Common {
-                pairing,
+                mapping,
                 before: running.hash(),
             })),
             Err(refused) => {
-                self.pairs = Some(pairing.into_table());
+                self.pairs = Some(mapping.into_table());
                 Err(LinkError::CapacityExceeded {
                     what: Capacity::Pairs,
                     needed: refused.needed as u32,
@@ -127,24 +130,24 @@ impl<'m> Rooms<'m> {
 
     /// Takes a mission apart that does not take over.
     #[inline(never)]
-    pub(crate) fn take_apart(&mut self, upcoming: Upcoming<'m>) -> BlobBuffer<'m> {
-        self.keep_table(PairTable::of(upcoming.common));
-        let Prepared { interpreter, lists } = upcoming.prepared;
+    pub(crate) fn take_apart(&mut self, staged: StagedMission<'m>) -> BlobBuffer<'m> {
+        self.keep_table(MappingTable::of(staged.common));
+        let Prepared { interpreter, lists } = staged.prepared;
         let (mission, arena) = interpreter.into_parts();
         let mut blob = mission.into_bytes();
-        self.keep(&mut blob, Room { arena, lists });
+        self.keep(&mut blob, MissionMemory { arena, lists });
         blob
     }
 
     /// Keeps the memory of a mission that has ended, and takes back who reads its blob.
-    pub(crate) fn keep(&mut self, blob: &mut BlobBuffer<'m>, spare: Spare<'m>) {
+    pub(crate) fn keep(&mut self, blob: &mut BlobBuffer<'m>, spare: SpareMemory<'m>) {
         self.take_reader_back(blob);
-        self.keep_room(spare);
+        self.keep_memory(spare);
     }
 
-    fn keep_room(&mut self, room: Room<'m>) {
-        if let Some(place) = self.rooms.iter_mut().find(|place| place.is_none()) {
-            *place = Some(room);
+    fn keep_memory(&mut self, memory: MissionMemory<'m>) {
+        if let Some(place) = self.memories.iter_mut().find(|place| place.is_none()) {
+            *place = Some(memory);
         }
     }
 
@@ -161,26 +164,26 @@ impl<'m> Rooms<'m> {
     }
 
     /// Keeps the table for the next swap, if it is there.
-    pub(crate) fn keep_table(&mut self, table: PairTable<'m>) {
-        if let PairTable(Some(table)) = table {
+    pub(crate) fn keep_table(&mut self, table: MappingTable<'m>) {
+        if let MappingTable(Some(table)) = table {
             self.pairs = Some(table);
         }
     }
 }
 
-impl<'m> OwnRoom<'m> {
+impl<'m> OwnMemory<'m> {
     /// Keeps the room of a mission that has ended, where it is the real-time side's.
-    pub(crate) fn keep(&mut self, room: Room<'m>) -> Spare<'m> {
-        room
+    pub(crate) fn keep(&mut self, memory: MissionMemory<'m>) -> SpareMemory<'m> {
+        memory
     }
 
     /// The room for a mission that starts again.
-    pub(crate) fn take(&mut self, spare: Spare<'m>) -> Option<Room<'m>> {
+    pub(crate) fn take(&mut self, spare: SpareMemory<'m>) -> Option<MissionMemory<'m>> {
         Some(spare)
     }
 }
 
-impl<'m> Upcoming<'m> {
+impl<'m> StagedMission<'m> {
     pub(crate) fn mission(&self) -> &Verified<BlobBuffer<'m>> {
         self.prepared.interpreter.verified()
     }
@@ -189,19 +192,19 @@ impl<'m> Upcoming<'m> {
 impl<'m> RealTime<'_, 'm> {
     /// Starts a mission in place of the one that runs. Answers how many regions go on as they were,
     /// the mission before, if there was one, and what goes back.
-    pub(in crate::realtime) fn start_upcoming(
+    pub(in crate::realtime) fn start_staged(
         &mut self,
-        Upcoming { prepared, common }: Upcoming<'m>,
+        StagedMission { prepared, common }: StagedMission<'m>,
         warm: bool,
         at: Origin,
-    ) -> (u16, Option<Resting<'m>>, PairTable<'m>) {
+    ) -> (u16, Option<StoppedMission<'m>>, MappingTable<'m>) {
         let running = self.running();
         // A mission that is not the one that this was found for hands over nothing.
         let before = common
             .as_ref()
             .filter(|common| warm && self.health.mission == Some(common.before))
-            .map(|common| &common.pairing);
+            .map(|common| &common.mapping);
         let (carried, before) = self.start_mission(prepared, running, at, before);
-        (carried, before, PairTable::of(common))
+        (carried, before, MappingTable::of(common))
     }
 }

@@ -3,42 +3,42 @@
 use embedded_storage::nor_flash::NorFlash;
 
 use super::budget::{self, Budget};
-use super::records::{Found, Key, PutError, Records};
+use super::key_values::{Found, Key, KeyValues, PutError};
 use super::{
-    AppendError, BeginError, Choice, FinishError, HEAD_BYTES, Layout, LayoutError, Slot, Store,
-    TrialError, journal,
+    AppendError, BeginError, Choice, FinishError, FlashBank, HEADER_BYTES, Layout, LayoutError,
+    Store, TrialError, journal,
 };
-use crate::kept::Kept as RetainedRam;
-use crate::link::trial::MissionKeeper;
+use crate::link::trial::MissionStore;
 use crate::realtime::params::SavedParams;
-use esm_link::key_store::{KeyRecord, NotKept, WriteError};
-use esm_link::message::{Capacity, FlashHealth, Kept, LinkError, SlotState, Source};
+use crate::retained_ram::RetainedRam;
+use esm_link::key_store::{NotStored, StoredKey, WriteError};
+use esm_link::message::{BankState, Capacity, FlashHealth, LinkError, Source, StoreStatus};
 
-/// Room for records: what [`Keep::open`] is to be given.
+/// Room for records: what [`FlashStore::open`] is to be given.
 pub const RECORD_BYTES: usize = 512;
 
 /// The record of [`SavedParams`]; those before it are [those of the
-/// key](esm_link::key_store::KeyRecord).
+/// key](esm_link::key_store::StoredKey).
 const SAVED_PARAMS: Key = Key(4);
 
 /// Bytes of flash that a robot's missions of up to `blob_bytes` and its records take, where
 /// `erase_bytes` are erased at once.
 pub const fn flash_bytes(blob_bytes: u32, erase_bytes: u32) -> u32 {
-    2 * (slot_bytes(blob_bytes, erase_bytes) + slot_bytes(RECORD_BYTES as u32, erase_bytes))
+    2 * (bank_bytes(blob_bytes, erase_bytes) + bank_bytes(RECORD_BYTES as u32, erase_bytes))
         + journal::bytes(erase_bytes)
 }
 
 /// Bytes of flash that a mission, or records, of up to `payload_bytes` take: what is erased for
 /// them.
-pub const fn slot_bytes(payload_bytes: u32, erase_bytes: u32) -> u32 {
-    (HEAD_BYTES + payload_bytes).next_multiple_of(erase_bytes)
+pub const fn bank_bytes(payload_bytes: u32, erase_bytes: u32) -> u32 {
+    (HEADER_BYTES + payload_bytes).next_multiple_of(erase_bytes)
 }
 
-impl From<Slot> for Source {
-    fn from(slot: Slot) -> Self {
+impl From<FlashBank> for Source {
+    fn from(slot: FlashBank) -> Self {
         match slot {
-            Slot::A => Source::A,
-            Slot::B => Source::B,
+            FlashBank::A => Source::A,
+            FlashBank::B => Source::B,
         }
     }
 }
@@ -59,7 +59,7 @@ pub enum Start {
 
 /// Why a mission could not be kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum KeepError {
+pub enum FlashStoreError {
     /// Another one is on trial.
     OnTrial,
     /// It is longer than a slot.
@@ -79,14 +79,14 @@ pub enum KeepError {
 }
 
 /// Missions and records of a robot.
-pub struct Keep<'m, F> {
+pub struct FlashStore<'m, F> {
     missions: Store<F>,
-    records: Records<'m, F>,
+    records: KeyValues<'m, F>,
     /// The mission that runs if the flash has none that may: the firmware's own.
-    safe_default: Option<&'m [u8]>,
+    default_mission: Option<&'m [u8]>,
     /// It was the one to start with.
     own_ran: bool,
-    kept: Kept,
+    kept: StoreStatus,
     budgets: Budgets<'m>,
     /// An emergency stop was latched, or released, and the flash does not say so yet.
     stop_put_off: Option<bool>,
@@ -121,7 +121,7 @@ impl<'m> Budgets<'m> {
     }
 }
 
-impl<'m, F: NorFlash + Clone> Keep<'m, F> {
+impl<'m, F: NorFlash + Clone> FlashStore<'m, F> {
     /// Opens missions and records of a flash: from its first byte on two slots for missions of up
     /// to `blob_bytes`, then the records, for whose table `room` is: [`RECORD_BYTES`].
     ///
@@ -130,22 +130,22 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     pub fn open(
         flash: F,
         blob_bytes: u32,
-        safe_default: Option<&'m [u8]>,
+        default_mission: Option<&'m [u8]>,
         room: &'m mut [u8],
     ) -> Result<Self, LayoutError> {
         let erase_bytes = F::ERASE_SIZE as u32;
-        let mission_bytes = slot_bytes(blob_bytes, erase_bytes);
-        let record_bytes = slot_bytes(RECORD_BYTES as u32, erase_bytes);
+        let mission_bytes = bank_bytes(blob_bytes, erase_bytes);
+        let record_bytes = bank_bytes(RECORD_BYTES as u32, erase_bytes);
         let missions = Store::new(flash.clone(), Layout::new(0, mission_bytes))?;
         let layout = Layout::new(2 * mission_bytes, record_bytes);
-        Ok(Keep {
+        Ok(FlashStore {
             missions,
-            records: Records::open(flash, layout, room)?,
-            safe_default,
+            records: KeyValues::open(flash, layout, room)?,
+            default_mission,
             own_ran: false,
-            kept: Kept {
+            kept: StoreStatus {
                 runs: Source::Nothing,
-                slots: [SlotState::Empty; 2],
+                slots: [BankState::Empty; 2],
             },
             budgets: Budgets::FULL,
             stop_put_off: None,
@@ -165,7 +165,7 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     }
 
     /// The records. What is kept there is not paid for.
-    pub fn records(&mut self) -> &mut Records<'m, F> {
+    pub fn records(&mut self) -> &mut KeyValues<'m, F> {
         &mut self.records
     }
 
@@ -173,8 +173,8 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     /// [`KeyStore::read`](esm_link::key_store::KeyStore::read) does.
     ///
     /// # Errors
-    /// [`NotKept`]: there is damage, or the record has no room.
-    pub fn read_of_key(&self, record: KeyRecord, room: &mut [u8]) -> Result<usize, NotKept> {
+    /// [`NotStored`]: there is damage, or the record has no room.
+    pub fn read_of_key(&self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
         self.records.read_of_key(record, room)
     }
 
@@ -183,16 +183,16 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     ///
     /// # Errors
     /// [`WriteError`]
-    pub fn write_of_key(&mut self, record: KeyRecord, bytes: &[u8]) -> Result<(), WriteError> {
+    pub fn write_of_key(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError> {
         if self.records.is_kept(record.into(), bytes) {
             return Ok(());
         }
         let paid = match record {
-            KeyRecord::Key => self.budgets.keys.take(budget::ONE),
+            StoredKey::Key => self.budgets.keys.take(budget::ONE),
             // An upload was signed.
-            KeyRecord::Counter => self.budgets.uploads.take(budget::ONE),
+            StoredKey::Counter => self.budgets.uploads.take(budget::ONE),
             // Once each start.
-            KeyRecord::Starts => Ok(()),
+            StoredKey::Starts => Ok(()),
         };
         paid.map_err(|s| WriteError::Budget { s })?;
         Ok(self.records.write_of_key(record, bytes)?)
@@ -202,8 +202,8 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     /// [`KeyStore::remembered_key`](esm_link::key_store::KeyStore::remembered_key) reads it.
     ///
     /// # Errors
-    /// [`NotKept`]: it is not known, or has no room.
-    pub fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotKept> {
+    /// [`NotStored`]: it is not known, or has no room.
+    pub fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotStored> {
         self.records.remembered_key(room)
     }
 
@@ -215,11 +215,11 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     pub fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
         let paid = self.budgets.keys.take(budget::ONE);
         paid.map_err(|s| WriteError::Budget { s })?;
-        (self.records.renew(key)).map_err(|_| WriteError::NotKept)
+        (self.records.renew(key)).map_err(|_| WriteError::NotStored)
     }
 
     /// Which mission runs, and why.
-    pub fn kept(&self) -> Kept {
+    pub fn kept(&self) -> StoreStatus {
         self.kept
     }
 
@@ -248,7 +248,7 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         }
         self.kept.runs = Source::Nothing;
         let waits = self.records.get(Key::WAITS).is_some();
-        let own = self.safe_default.filter(|own| !waits && accepts(own));
+        let own = self.default_mission.filter(|own| !waits && accepts(own));
         match own.and_then(|own| Some((own, room.get_mut(..own.len())?))) {
             Some((own, room)) => {
                 room.copy_from_slice(own);
@@ -269,7 +269,7 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     /// # Errors
     /// Why it may not. The mission before runs on, and after the next start, too, unless the flash
     /// took the whole mission and then not one word more: then the next start tries it.
-    pub fn begin_trial(&mut self, blob: &[u8]) -> Result<(), KeepError> {
+    pub fn begin_trial(&mut self, blob: &[u8]) -> Result<(), FlashStoreError> {
         let len = u32::try_from(blob.len()).unwrap_or(u32::MAX);
         let written = self.write(len, blob);
         // What does not end here would go on if the same mission came again.
@@ -277,40 +277,44 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
         written
     }
 
-    fn write(&mut self, len: u32, blob: &[u8]) -> Result<(), KeepError> {
+    fn write(&mut self, len: u32, blob: &[u8]) -> Result<(), FlashStoreError> {
         if self.kept.is_on_trial() {
-            return Err(KeepError::OnTrial);
+            return Err(FlashStoreError::OnTrial);
         }
-        (self.budgets.uploads.take(budget::ONE)).map_err(|s| KeepError::Budget { s })?;
+        (self.budgets.uploads.take(budget::ONE)).map_err(|s| FlashStoreError::Budget { s })?;
         let crc = esm_core::format::crc32(blob);
         self.missions
             .prepare(len, crc)
             .map_err(|error| match error {
-                BeginError::OnTrial => KeepError::OnTrial,
-                BeginError::Length { capacity } => KeepError::TooLong {
+                BeginError::OnTrial => FlashStoreError::OnTrial,
+                BeginError::Length { capacity } => FlashStoreError::TooLong {
                     needed: len,
                     capacity,
                 },
-                BeginError::Flash(_) => KeepError::Flash,
+                BeginError::Flash(_) => FlashStoreError::Flash,
             })?;
         let Some(slot) = self.missions.upload_slot() else {
-            return Err(KeepError::Flash);
+            return Err(FlashStoreError::Flash);
         };
-        self.set(slot, SlotState::Unsealed);
-        while self.missions.erase_next().map_err(|_| KeepError::Flash)? {}
+        self.set(slot, BankState::Unsealed);
+        while self
+            .missions
+            .erase_next()
+            .map_err(|_| FlashStoreError::Flash)?
+        {}
         self.missions.append(0, blob)?;
         self.missions.finish()?;
-        self.set(slot, SlotState::TrialNotRecorded);
+        self.set(slot, BankState::TrialNotRecorded);
         self.missions.begin_trial()?;
-        self.set(slot, SlotState::OnTrial);
-        if slot.other().of(self.kept.slots) == SlotState::Runs {
-            self.set(slot.other(), SlotState::Spare);
+        self.set(slot, BankState::OnTrial);
+        if slot.other().of(self.kept.slots) == BankState::Runs {
+            self.set(slot.other(), BankState::Spare);
         }
         self.kept.runs = slot.into();
         Ok(())
     }
 
-    fn set(&mut self, slot: Slot, state: SlotState) {
+    fn set(&mut self, slot: FlashBank, state: BankState) {
         *slot.of(self.kept.slots.each_mut()) = state;
     }
 
@@ -318,30 +322,32 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     ///
     /// # Errors
     /// The flash did not take it: it is still on trial.
-    pub fn confirm(&mut self) -> Result<(), KeepError> {
+    pub fn confirm(&mut self) -> Result<(), FlashStoreError> {
         if !self.kept.is_on_trial() {
             return Ok(());
         }
-        self.missions.confirm().map_err(|_| KeepError::Flash)?;
+        self.missions
+            .confirm()
+            .map_err(|_| FlashStoreError::Flash)?;
         if let Some(slot) = self.missions.running_slot() {
-            self.set(slot, SlotState::Runs);
+            self.set(slot, BankState::Runs);
         }
         Ok(())
     }
 
     /// The mission on trial was left. Returns whether the one before runs again; if not, it was on
-    /// trial since the start, and the next is to be [chosen](Keep::choose).
+    /// trial since the start, and the next is to be [chosen](FlashStore::choose).
     pub fn fall_back(&mut self) -> bool {
         let failed = self.missions.running_slot();
         if !self.missions.fall_back() {
             return false;
         }
         if let Some(slot) = failed {
-            self.set(slot, SlotState::TrialFailed);
+            self.set(slot, BankState::TrialFailed);
         }
         self.kept.runs = match self.missions.running_slot() {
             Some(slot) => {
-                self.set(slot, SlotState::Runs);
+                self.set(slot, BankState::Runs);
                 slot.into()
             }
             None if self.own_ran => Source::Firmware,
@@ -351,9 +357,9 @@ impl<'m, F: NorFlash + Clone> Keep<'m, F> {
     }
 }
 
-impl<F: NorFlash> Keep<'_, F> {
+impl<F: NorFlash> FlashStore<'_, F> {
     /// Lets the flash know of the emergency stop, or of its release, that it does not know of yet.
-    fn keep_stop(&mut self) -> Result<(), LinkError> {
+    fn store_stop(&mut self) -> Result<(), LinkError> {
         let Some(latched) = self.stop_put_off else {
             return Ok(());
         };
@@ -363,20 +369,20 @@ impl<F: NorFlash> Keep<'_, F> {
             // stop that is not kept.
             let is_paid = latched || (self.budgets.records.take(budget::RELEASE_AND_STOP)).is_ok();
             if !is_paid {
-                return Err(LinkError::StopNotKept);
+                return Err(LinkError::StopNotStored);
             }
         }
         // A flash that does not take it wears out by asking again.
         self.stop_put_off = None;
-        (self.records.put(Key::EMERGENCY_STOP, value)).map_err(|_| LinkError::StopNotKept)
+        (self.records.put(Key::EMERGENCY_STOP, value)).map_err(|_| LinkError::StopNotStored)
     }
 }
 
-impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
+impl<F: NorFlash + Clone> MissionStore for FlashStore<'_, F> {
     fn tick(&mut self, now_us: u64) {
         self.budgets.fill(now_us);
         // Who asked for it was told that it is late.
-        let _ = self.keep_stop();
+        let _ = self.store_stop();
     }
 
     fn flash_health(&mut self) -> FlashHealth {
@@ -405,16 +411,16 @@ impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
         }
         // Until the next choice there is none that could be confirmed.
         if let Some(slot) = self.missions.running_slot() {
-            self.set(slot, SlotState::TrialFailed);
+            self.set(slot, BankState::TrialFailed);
         }
         true
     }
 
     fn choose(&mut self, room: &mut [u8], accepts: &mut dyn FnMut(&[u8]) -> bool) -> Start {
-        Keep::choose(self, room, accepts)
+        FlashStore::choose(self, room, accepts)
     }
 
-    fn kept(&self) -> Kept {
+    fn kept(&self) -> StoreStatus {
         self.kept
     }
 
@@ -440,39 +446,39 @@ impl<F: NorFlash + Clone> MissionKeeper for Keep<'_, F> {
 
     fn set_emergency_stop(&mut self, latched: bool) -> Result<(), LinkError> {
         self.stop_put_off = Some(latched);
-        self.keep_stop()
+        self.store_stop()
     }
 }
 
-impl From<KeepError> for LinkError {
-    fn from(error: KeepError) -> Self {
+impl From<FlashStoreError> for LinkError {
+    fn from(error: FlashStoreError) -> Self {
         match error {
-            KeepError::OnTrial => LinkError::OnTrial,
-            KeepError::TooLong { needed, capacity } => LinkError::CapacityExceeded {
+            FlashStoreError::OnTrial => LinkError::OnTrial,
+            FlashStoreError::TooLong { needed, capacity } => LinkError::CapacityExceeded {
                 what: Capacity::BlobBytes,
                 needed,
                 available: capacity,
             },
-            KeepError::Flash => LinkError::FlashRefused,
-            KeepError::Budget { s } => LinkError::FlashBudget { s },
+            FlashStoreError::Flash => LinkError::FlashRefused,
+            FlashStoreError::Budget { s } => LinkError::FlashBudget { s },
         }
     }
 }
 
-impl From<AppendError> for KeepError {
+impl From<AppendError> for FlashStoreError {
     fn from(_: AppendError) -> Self {
-        KeepError::Flash
+        FlashStoreError::Flash
     }
 }
 
-impl From<FinishError> for KeepError {
+impl From<FinishError> for FlashStoreError {
     fn from(_: FinishError) -> Self {
-        KeepError::Flash
+        FlashStoreError::Flash
     }
 }
 
-impl From<TrialError> for KeepError {
+impl From<TrialError> for FlashStoreError {
     fn from(_: TrialError) -> Self {
-        KeepError::Flash
+        FlashStoreError::Flash
     }
 }

@@ -1,5 +1,6 @@
-//! News: what a robot tells without being asked each time, where a host wants it. A sample of its
-//! counters each period, and one at once when its mode, its mission or the trial of that changes.
+//! Status events: what a robot tells without being asked each time, where a host wants it. A sample
+//! of its counters each period, and one at once when its mode, its mission or the trial of that
+//! changes.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +11,7 @@ use super::trial::FallBack;
 /// than 8 ms of a line of 115,200 baud.
 pub const SHORTEST_PERIOD_MS: u32 = 10;
 
-/// Why there are news.
+/// Why there are status events.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Cause {
     /// They were asked for just now.
@@ -27,9 +28,10 @@ pub enum Cause {
 
 /// How a robot is, in short.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct News {
-    /// Counts news modulo 256, from 0 at [`Request::Watch`](crate::message::Request::Watch): a gap
-    /// are news that the line lost.
+pub struct StatusEvent {
+    /// Counts status events modulo 256, from 0 at
+    /// [`Request::Watch`](crate::message::Request::Watch): a gap are status events that the line
+    /// lost.
     pub seq: u8,
     /// Why. Of several causes the first in this order: mission, trial, mode, period.
     pub cause: Cause,
@@ -45,14 +47,14 @@ pub struct News {
     pub steps: u64,
     /// Nominal start of the last one, in microseconds since the mission started.
     pub t_us: u64,
-    /// Occurrences of slots that were executed since the mission started.
+    /// Activations of slots that were executed since the mission started.
     pub executed: u32,
-    /// Occurrences missed since the robot started.
+    /// Activations missed since the robot started.
     pub missed: u32,
     /// Overruns since the robot started.
     pub overruns: u32,
     /// Longest start delay since the mission started, in nanoseconds.
     pub max_delay_ns: u32,
-    /// Frames from the host that arrived spoiled since the robot started; wraps.
-    pub spoiled_frames: u32,
+    /// Frames from the host that arrived corrupt since the robot started; wraps.
+    pub corrupt_frames: u32,
 }

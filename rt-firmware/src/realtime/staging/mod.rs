@@ -7,14 +7,14 @@
 //! ended.
 
 #[cfg(feature = "warm")]
-mod below;
+mod ahead;
 #[cfg(not(feature = "warm"))]
 mod in_slot;
 
 #[cfg(feature = "warm")]
-pub(crate) use below::{OwnRoom, PairTable, Rooms, Spare, Upcoming};
+pub(crate) use ahead::{MappingTable, MissionMemories, OwnMemory, SpareMemory, StagedMission};
 #[cfg(not(feature = "warm"))]
-pub(crate) use in_slot::{OwnRoom, PairTable, Rooms, Spare, Upcoming};
+pub(crate) use in_slot::{MappingTable, MissionMemories, OwnMemory, SpareMemory, StagedMission};
 
 use esm_core::{BlobBuffer, Interpreter, Verified};
 
@@ -23,7 +23,7 @@ use super::tasks::{self, TaskEntry};
 use crate::ports::Registry;
 
 /// The memory of one mission, beside its blob's.
-pub(crate) struct Room<'m> {
+pub(crate) struct MissionMemory<'m> {
     pub(crate) arena: &'m mut [u32],
     pub(crate) lists: Lists<'m>,
 }
@@ -43,9 +43,9 @@ pub(crate) struct Prepared<'m> {
 }
 
 /// A mission that has ended and may start again.
-pub(crate) struct Resting<'m> {
+pub(crate) struct StoppedMission<'m> {
     pub(crate) mission: Verified<BlobBuffer<'m>>,
-    pub(crate) spare: Spare<'m>,
+    pub(crate) spare: SpareMemory<'m>,
 }
 
 impl<'m> Prepared<'m> {
@@ -55,11 +55,11 @@ impl<'m> Prepared<'m> {
     #[inline(never)]
     pub(crate) fn new(
         mission: Verified<BlobBuffer<'m>>,
-        room: Room<'m>,
+        memory: MissionMemory<'m>,
         registry: Registry<'_>,
     ) -> Option<Self> {
         // Changed where it is returned: moved about, it would be on the stack more than once.
-        let mut prepared = Self::in_room(mission, room);
+        let mut prepared = Self::in_memory(mission, memory);
         if let Some(Prepared { interpreter, lists }) = &mut prepared {
             tasks::prepare(&interpreter.tables(), registry, lists);
         }
@@ -68,8 +68,11 @@ impl<'m> Prepared<'m> {
 
     /// Of one that ran in this room before.
     #[inline(never)]
-    pub(crate) fn again(mission: Verified<BlobBuffer<'m>>, room: Room<'m>) -> Option<Self> {
-        let mut prepared = Self::in_room(mission, room);
+    pub(crate) fn again(
+        mission: Verified<BlobBuffer<'m>>,
+        memory: MissionMemory<'m>,
+    ) -> Option<Self> {
+        let mut prepared = Self::in_memory(mission, memory);
         if let Some(Prepared { lists, .. }) = &mut prepared {
             tasks::prepare_again(lists);
         }
@@ -77,7 +80,10 @@ impl<'m> Prepared<'m> {
     }
 
     #[cfg_attr(feature = "warm", inline(never))]
-    fn in_room(mission: Verified<BlobBuffer<'m>>, Room { arena, lists }: Room<'m>) -> Option<Self> {
+    fn in_memory(
+        mission: Verified<BlobBuffer<'m>>,
+        MissionMemory { arena, lists }: MissionMemory<'m>,
+    ) -> Option<Self> {
         let made = Interpreter::new(mission, arena);
         debug_assert!(made.is_ok(), "the room was found to be large enough");
         made.map(|interpreter| Prepared { interpreter, lists }).ok()

@@ -33,7 +33,7 @@ const OF_FLAG: usize = 4;
 
 /// The table has not enough entries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TooManyPairs {
+pub struct MappingTooLarge {
     /// Entries that are needed at least.
     pub needed: usize,
     /// Entries that there are.
@@ -45,7 +45,7 @@ pub struct TooManyPairs {
 /// both have, two for each task state and for each net that both have, four for each control flag
 /// of a superstate that both have.
 #[derive(Debug)]
-pub struct Pairing<'p> {
+pub struct StateMapping<'p> {
     table: &'p mut [u16],
     /// Where what comes behind the region instances, the states, the tasks and the nets begins, and
     /// where the table ends.
@@ -56,10 +56,10 @@ pub struct Pairing<'p> {
     end: usize,
 }
 
-impl<'p> Pairing<'p> {
+impl<'p> StateMapping<'p> {
     /// Nothing in common yet.
     pub fn new(table: &'p mut [u16]) -> Self {
-        Pairing {
+        StateMapping {
             table,
             states: 0,
             tasks: 0,
@@ -85,7 +85,7 @@ impl<'p> Pairing<'p> {
         here: &Tables<'_>,
         there: &Tables<'_>,
         outputs_of: impl Fn(u64) -> u8,
-    ) -> Result<(), TooManyPairs> {
+    ) -> Result<(), MappingTooLarge> {
         self.clear();
         let regions = here.region_instance_count();
         for _ in 0..OF_REGION * regions {
@@ -102,7 +102,7 @@ impl<'p> Pairing<'p> {
         let (needed, available) = (self.end, self.table.len().min(NOBODY.into()));
         if needed > available {
             self.clear();
-            return Err(TooManyPairs { needed, available });
+            return Err(MappingTooLarge { needed, available });
         }
         Ok(())
     }

@@ -1,0 +1,128 @@
+//! The command to the real-time side, and the answer that it brings.
+//!
+//! *Invariant:* there is one command. While it is away, who would need it is told
+//! [`Busy`](LinkError::Busy).
+
+use super::answers::text_part;
+use super::client_session::Sender;
+use super::request_handler::{PendingRequest, Reaction, RequestHandler};
+use crate::mailbox::{Command, NO_DEADLINE, Posted};
+use esm_link::message::{LinkError, Response};
+
+impl<'m> RequestHandler<'_, 'm> {
+    /// Asks the real-time side.
+    #[inline(never)]
+    pub(super) fn ask<'a>(&mut self, question: Command<'m>) -> Reaction<'a> {
+        match &mut self.command {
+            Some(command) => {
+                **command = question;
+                self.post()
+            }
+            None => Reaction::Answer(Err(LinkError::Busy)),
+        }
+    }
+
+    /// Sends the command to the real-time side, with what was put into it: for the request that is
+    /// carried out, if one is.
+    pub(super) fn post<'a>(&mut self) -> Reaction<'a> {
+        let Some(command) = self.command.take() else {
+            return Reaction::Answer(Err(LinkError::Busy));
+        };
+        let asked = self.pending.take();
+        let by_us = match asked {
+            Some(pending) if !mutant!(DeadlineForgotten) => pending.by_us,
+            _ => NO_DEADLINE,
+        };
+        // First how many, then whether one is ahead: so none is overlooked that is heard in
+        // between.
+        let stops = self.heartbeats.stops.count();
+        let is_overtaken = self.place.is_stop_ahead(&self.heartbeats.stops);
+        let stops = (!is_overtaken).then_some(stops);
+        preemptible!();
+        match self.to_real_time.enqueue(Posted {
+            command,
+            by_us,
+            stops,
+        }) {
+            Ok(()) => {
+                self.asked = asked;
+                Reaction::Later
+            }
+            // There is one command, so that there is always room.
+            Err(Posted { command, .. }) => {
+                self.put_away(command);
+                Reaction::Answer(Err(LinkError::Busy))
+            }
+        }
+    }
+
+    /// Whether the command is away for somebody who is not the owner.
+    pub(super) fn is_with_a_stranger(&self) -> bool {
+        let asked = self.asked.as_ref();
+        asked.is_some_and(|asked| asked.sender == Sender::Anyone)
+    }
+
+    /// The command, if it has come back, and the request that it answers.
+    pub(super) fn open_reply(&mut self) -> Option<(Option<PendingRequest>, &'m mut Command<'m>)> {
+        let command = self.from_real_time.dequeue()?;
+        Some((self.asked.take(), command))
+    }
+
+    /// Keeps the command until there is something to ask, and the buffer that is in one that could
+    /// not be sent.
+    pub(super) fn put_away(&mut self, command: &'m mut Command<'m>) {
+        self.tell_of_mission(false);
+        match core::mem::replace(command, Command::Empty) {
+            Command::Swap { mission, .. } => {
+                let blob = self.memories.take_apart(mission);
+                self.keep(blob);
+            }
+            Command::Swapped { pairs, .. } => self.memories.keep_table(pairs),
+            _ => {}
+        }
+        self.command = Some(command);
+    }
+}
+
+/// The answer that a command brings.
+pub(super) fn answer_of<'l>(command: &'l Command<'_>) -> Result<Response<'l>, LinkError> {
+    match command {
+        Command::Swapped {
+            mission, carried, ..
+        } => Ok(Response::Committed {
+            mission: *mission,
+            carried: *carried,
+        }),
+        Command::Failed(error) => Err(*error),
+        Command::Blob { total, bytes } => Ok(Response::Blob {
+            total: *total,
+            data: bytes.as_slice(),
+        }),
+        Command::States { step, total, bytes } => Ok(Response::States {
+            step: *step,
+            total: *total,
+            states: bytes.as_slice(),
+        }),
+        Command::Slot(counters) => Ok(Response::Slot(*counters)),
+        Command::Task(counters) => Ok(Response::TaskInstance(*counters)),
+        Command::Param {
+            value,
+            of_mission,
+            saved,
+        } => Ok(Response::Param {
+            value: *value,
+            of_mission: *of_mission,
+            saved: *saved,
+        }),
+        Command::Fields { text, offset } => Ok(text_part(text, usize::from(*offset))),
+        Command::ParamsSaved { count } => Ok(Response::ParamsSaved { count: *count }),
+        Command::ParamSet { before } => Ok(Response::ParamSet { before: *before }),
+        Command::Done
+        | Command::Started
+        | Command::Confirmed { .. }
+        | Command::Released
+        | Command::ValuesWanted { .. } => Ok(Response::Done),
+        // It came back as it went.
+        _ => Err(LinkError::Late),
+    }
+}
