@@ -1,7 +1,7 @@
 //! What the sides of a runtime hand to each other.
 //!
-//! There is one command between link and real-time side, and one background run between real-time
-//! side and background. Whoever holds it may look into it; giving it away is passing a reference
+//! There is one place for a command or its reply between link and real-time side, and one for a
+//! background run between real-time side and background. Whoever holds it may look into it; giving it away is passing a reference
 //! through a queue. So nothing large is copied, nothing is locked, and what is under way is always
 //! one thing.
 
@@ -19,7 +19,7 @@ const PLACES: usize = 2;
 /// There are two buffers for blobs, and a queue holds one less than its length.
 const BUFFER_PLACES: usize = 3;
 
-/// The ways between the sides.
+/// The queues between the sides.
 pub struct Mailbox<'m> {
     pub(crate) to_real_time: Queue<Posted<'m>, PLACES>,
     pub(crate) to_link: Queue<&'m mut Command<'m>, PLACES>,
@@ -58,7 +58,7 @@ impl Default for Mailbox<'_> {
 }
 
 impl Mailbox<'_> {
-    /// Empty ways.
+    /// Nothing is under way.
     pub const fn new() -> Self {
         Mailbox {
             to_real_time: Queue::new(),
@@ -70,7 +70,7 @@ impl Mailbox<'_> {
     }
 }
 
-/// What link and real-time side say to each other.
+/// A command of the link to the real-time side, or the reply to it, which takes its place.
 #[allow(
     clippy::large_enum_variant,
     reason = "there is one command, and no heap to box a part of it on"
@@ -78,7 +78,7 @@ impl Mailbox<'_> {
 pub(crate) enum Command<'m> {
     /// Nothing.
     Empty,
-    /// Link: switch to this mission.
+    /// Command: switch to this mission.
     Swap {
         /// The mission.
         mission: StagedMission<'m>,
@@ -87,7 +87,7 @@ pub(crate) enum Command<'m> {
         /// What was saved of parameters, for this mission or another.
         saved: SavedParams,
     },
-    /// Real time: it runs.
+    /// Reply: it runs.
     Swapped {
         /// Hash of the new mission.
         mission: u32,
@@ -98,7 +98,7 @@ pub(crate) enum Command<'m> {
         /// Given back.
         pairs: MappingTable<'m>,
     },
-    /// Link: the mission on trial stays.
+    /// Command: the mission on trial stays.
     Confirm {
         /// Its hash.
         mission: u32,
@@ -106,44 +106,44 @@ pub(crate) enum Command<'m> {
         /// is on trial no more.
         again: bool,
     },
-    /// Real time: it does.
+    /// Reply: it does.
     Confirmed {
         /// Its hash.
         mission: u32,
     },
-    /// Link: back to the mission before.
+    /// Command: back to the mission before.
     FallBack {
         /// Hash of the mission on trial.
         mission: u32,
     },
-    /// Link: start anew.
+    /// Command: start anew.
     Start,
-    /// Real time: it starts.
+    /// Reply: it starts.
     Started,
-    /// Link: end the emergency stop.
+    /// Command: end the emergency stop.
     Release,
-    /// Real time: it has ended.
+    /// Reply: it has ended.
     Released,
-    /// Real time: it is done.
+    /// Reply: it is done.
     Done,
-    /// Link: bytes of the blob from here on.
+    /// Command: bytes of the blob from here on.
     ReadBlob {
         /// The first byte wanted.
         offset: u32,
     },
-    /// Real time: these.
+    /// Reply: these.
     Blob {
         /// Length of the blob.
         total: u32,
         /// Some of its bytes.
         bytes: Bytes,
     },
-    /// Link: current states from this region instance on.
+    /// Command: current states from this region instance on.
     ReadStates {
         /// The first region instance wanted.
         first: u16,
     },
-    /// Real time: these, two bytes each.
+    /// Reply: these, two bytes each.
     States {
         /// Number of the next macro step since the mission started; those that were missed count.
         step: u64,
@@ -152,28 +152,28 @@ pub(crate) enum Command<'m> {
         /// Some of their states.
         bytes: Bytes,
     },
-    /// Link: what was counted of this slot.
+    /// Command: what was counted of this slot.
     ReadSlot {
         /// Its index.
         slot: u8,
     },
-    /// Real time: this.
+    /// Reply: this.
     Slot(SlotCounters),
-    /// Link: what was counted of this task instance.
+    /// Command: what was counted of this task instance.
     ReadTask {
         /// Its index.
         task_instance: u16,
     },
-    /// Real time: this.
+    /// Reply: this.
     Task(TaskCounters),
-    /// Link: the value of this parameter.
+    /// Command: the value of this parameter.
     ReadParam {
         /// Hash of the mission that is meant.
         mission: u32,
         /// Index of the parameter in its blob.
         param: u16,
     },
-    /// Real time: this.
+    /// Reply: this.
     Param {
         /// Bits of its value.
         value: u32,
@@ -182,7 +182,7 @@ pub(crate) enum Command<'m> {
         /// Bits of the value that was saved for it.
         saved: Option<u32>,
     },
-    /// Link: another value for this parameter.
+    /// Command: another value for this parameter.
     SetParam {
         /// Hash of the mission that is meant.
         mission: u32,
@@ -191,47 +191,47 @@ pub(crate) enum Command<'m> {
         /// Bits of the value.
         value: u32,
     },
-    /// Real time: it has it.
+    /// Reply: it has it.
     ParamSet {
         /// Bits of the value before.
         before: u32,
     },
-    /// Link: what differs from the mission's values?
+    /// Command: what differs from the mission's values?
     ReadChanged {
         /// Hash of the mission that is meant.
         mission: u32,
     },
-    /// Real time: this.
+    /// Reply: this.
     Changed(SavedParams),
-    /// Link: this was saved.
+    /// Command: this was saved.
     Saved(SavedParams),
-    /// Real time: with that the mission starts from now on.
+    /// Reply: with that the mission starts from now on.
     ParamsSaved {
         /// How many values.
         count: u8,
     },
-    /// Link: values, or what they are made of.
+    /// Command: values, or what they are made of.
     AskValues {
         /// Number of the request.
         number: u8,
         /// What it asks for.
         ask: Bytes,
     },
-    /// Real time: they are made of this.
+    /// Reply: they are made of this.
     Fields {
         /// All of it.
         text: &'static str,
         /// The first byte wanted.
         offset: u16,
     },
-    /// Real time: samples from now on are of the request of this number.
+    /// Reply: samples from now on are of the request of this number.
     ValuesWanted {
         /// The number.
         number: u8,
         /// Hash of the mission that they are of.
         mission: u32,
     },
-    /// Real time: that cannot be done. What it comes to too late goes back as it came.
+    /// Reply: that cannot be done. What it comes to too late goes back as it came.
     Failed(LinkError),
     /// Link, to itself: it makes an answer here that it need not ask for.
     Note(Bytes),
