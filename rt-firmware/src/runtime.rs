@@ -1,7 +1,9 @@
 //! A runtime: its memory, and the three sides that it is split into.
 //!
 //! ```
-//! use rt_firmware::{About, Bank, Board, Io, Limits, LinkPort, Mail, Memory, Step, Task, registry, split, task};
+//! use rt_firmware::{
+//!     About, Board, Io, Limits, LinkPort, Mailbox, Memory, Step, Task, TaskPool, registry, split, task,
+//! };
 //!
 //! struct Blink;
 //! task! { impl Blink { flags { out lit; } } }
@@ -31,9 +33,9 @@
 //! let mut lamp = Lamp { blink: TaskPool::new([Blink]) };
 //! let mut banks = lamp.banks();
 //! let mut memory = Memory::<4096, 256, 8, 16, 16, 2, 1024>::new();
-//! let mut mail = Mailbox::new();
+//! let mut mailbox = Mailbox::new();
 //! let (mut real_time, mut background, mut link) =
-//!     split(&mut memory, &mut banks, &mut mail, About::new("lamp 1.0", "example"), Limits::default()).expect("names are unique");
+//!     split(&mut memory, &mut banks, &mut mailbox, About::new("lamp 1.0", "example"), Limits::default()).expect("names are unique");
 //!
 //! let mut timer = Timer(0);
 //! let next_ticks = real_time.on_timer(&mut timer); // from the slot timer's interrupt; set the timer to this

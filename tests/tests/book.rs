@@ -422,7 +422,7 @@ fn the_chapter_on_limits_has_the_numbers_of_the_code() {
             rt_firmware::Limits::default().overruns_in_a_row.into(),
         ),
         (
-            "missed occurrences of a slot in a row",
+            "deadline misses of a slot in a row",
             rt_firmware::Limits::default().missed_in_a_row as usize,
         ),
         (

@@ -20,7 +20,7 @@ slot 3 period 40 ms duration 2 ms;
 task Overrun slot 2 { param duration_us: u32 = 20000 min 0 max 250000; }
 task MaskInterrupts slot 0 { param duration_us: u32 = 20000 min 0 max 250000; }
 task NeverReturn slot 2 {}
-task NeverReturnInSlot0 slot 0 {}
+task NeverReturnInBackground slot 0 {}
 task Panic slot 2 {}
 task Undefined slot 2 {}
 ";
@@ -158,7 +158,7 @@ fn what_ends_the_firmware_is_told_after_the_reset() {
     for (task, reason, detail) in [
         ("NeverReturn", "watchdog", "in task number 0"),
         (
-            "NeverReturnInSlot0",
+            "NeverReturnInBackground",
             "watchdog",
             "a slot-0 task did not return",
         ),
@@ -184,7 +184,7 @@ fn what_ends_the_firmware_is_told_after_the_reset() {
         let words = &status["last_words"];
         let (in_task, from_us) = match task {
             // All slots go on, until the idle loop has been away for too long.
-            "NeverReturnInSlot0" => (serde_json::Value::Null, 1_000_000 + BACKGROUND_BOUND_US),
+            "NeverReturnInBackground" => (serde_json::Value::Null, 1_000_000 + BACKGROUND_BOUND_US),
             _ => (0.into(), 1_000_000),
         };
         assert_eq!(words["task"], in_task, "{task}: {words:#}");
@@ -243,7 +243,7 @@ fn a_mission_that_resets_the_robot_again_and_again_is_not_started_for_ever() {
 fn an_emergency_stop_is_latched_over_missions_and_a_reset_until_it_is_released() {
     // The idle loop hangs from the first second on, and goes on to do so: the watchdog resets the
     // robot.
-    let states = "task Fatal: NeverReturnInSlot0; Quiet -> Fatal [timeout];";
+    let states = "task Fatal: NeverReturnInBackground; Quiet -> Fatal [timeout];";
     let robot = robot_with(states);
     robot.status_when("the task", |status| {
         status["active"].to_string().contains("Fatal")

@@ -655,7 +655,7 @@ mod tests {
                 "arithmetic",
             ),
             (
-                "_ZN86_$LT$rt_firmware..ports..Bank$LT$T$C$_$GT$$u20$as$u20$X$GT$4step17h0E",
+                "_ZN86_$LT$rt_firmware..ports..TaskPool$LT$T$C$_$GT$$u20$as$u20$X$GT$4step17h0E",
                 "tasks and drivers",
             ),
             (

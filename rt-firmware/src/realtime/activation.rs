@@ -359,7 +359,14 @@ impl RealTime<'_, '_> {
     /// What was looked up is so no more.
     pub(super) fn forget_next(&mut self) {
         self.settle();
-        self.next = Next::NOTHING;
+        self.next.window_ticks = 0;
+    }
+
+    /// The same, with what was counted to be [settled](Self::settle) later: each instruction here
+    /// makes a macro step later.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn pass_over_next(&mut self) {
+        self.next.window_ticks = 0;
     }
 
     /// Executes an activation that began at `began_ticks`; its nominal start was at `start_ticks`.

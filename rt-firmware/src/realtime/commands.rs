@@ -27,6 +27,7 @@ impl<'m> RealTime<'_, 'm> {
         else {
             return;
         };
+        self.settle();
         let now_ticks = board.now_ticks();
         if is_late::<B>(now_ticks, by_us) {
             self.send(command);

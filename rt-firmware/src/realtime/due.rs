@@ -20,7 +20,7 @@ impl RealTime<'_, '_> {
     #[inline(never)]
     pub(super) fn go_on<B: Board>(&mut self, board: &mut B, command_waits: bool) -> u64 {
         let began_ticks = board.now_low_ticks();
-        self.forget_next();
+        self.pass_over_next();
         // Before a command, which may be older.
         self.look_for_stops(board);
         if !command_waits {
@@ -51,6 +51,7 @@ impl RealTime<'_, '_> {
         let poll_ticks = poll_ticks::<B>();
         loop {
             let now = board.now_ticks();
+            self.settle();
             self.look_for_stops(board);
             if self.waiting.is_some() {
                 self.refuse_late::<B>(now);

@@ -50,7 +50,7 @@
 //! #     }
 //! # }
 //! # let flash = Chip([0xFF; 6144]);
-//! use rt_firmware::store::{Layout, key_values::{Key, Records}};
+//! use rt_firmware::store::{Layout, key_values::{Key, KeyValues}};
 //!
 //! let mut room = [0; 512];
 //! // Two areas of 2 KiB each from the byte 0 of the flash on, and the journal behind them.
