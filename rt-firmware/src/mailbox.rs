@@ -1,9 +1,9 @@
 //! What the sides of a runtime hand to each other.
 //!
 //! There is one place for a command or its reply between link and real-time side, and one for
-//! a background run between real-time side and background. Whoever holds it may look into it; giving it away is passing a reference
-//! through a queue. So nothing large is copied, nothing is locked, and what is under way is always
-//! one thing.
+//! a background run between real-time side and background. Whoever holds it may look into it;
+//! giving it away is passing a reference through a queue. So nothing large is copied, nothing is
+//! locked, and what is under way is always one thing.
 
 use heapless::spsc::Queue;
 
