@@ -6,7 +6,7 @@ use core::mem;
 use cortex_m::peripheral::NVIC;
 use esm_link::frame::MAX_FRAME_BYTES;
 #[cfg(feature = "keys")]
-use esm_link::key_store::{KeyStore, NotStored, StoredKey, WriteError};
+use esm_link::key_store::KeyStore;
 use esm_link::message::MAX_CHUNK;
 use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
@@ -214,32 +214,6 @@ impl LinkPort for LinkEnd {
 
     #[cfg(feature = "keys")]
     fn key_store(&mut self) -> Option<&mut dyn KeyStore> {
-        match self.keep {
-            Some(_) => Some(self),
-            None => None,
-        }
-    }
-}
-
-#[cfg(feature = "keys")]
-impl KeyStore for LinkEnd {
-    fn read(&mut self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
-        let keep = self.keep.as_mut().ok_or(NotStored)?;
-        keep.read_of_key(record, room)
-    }
-
-    fn write(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError> {
-        let keep = self.keep.as_mut().ok_or(NotStored)?;
-        keep.write_of_key(record, bytes)
-    }
-
-    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotStored> {
-        let keep = self.keep.as_mut().ok_or(NotStored)?;
-        keep.remembered_key(room)
-    }
-
-    fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
-        let keep = self.keep.as_mut().ok_or(NotStored)?;
-        keep.renew(key)
+        self.keep.as_mut().map(|keep| &mut **keep as _)
     }
 }

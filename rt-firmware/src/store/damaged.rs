@@ -9,7 +9,7 @@ use super::layout::HEADER_BYTES;
 use super::nor::Rewrite;
 use crate::link::trial::MissionStore;
 use crate::realtime::params::SavedParams;
-use esm_link::key_store::{NotStored, STORED_KEY_BYTES, StoredKey};
+use esm_link::key_store::{KeyStore, NotStored, STORED_KEY_BYTES, StoredKey};
 use esm_link::message::{KeyValuesState, LinkError, WayIn};
 
 #[test]
@@ -73,7 +73,7 @@ fn a_flash_that_comes_with_anything_in_it_is_to_be_erased_first() {
             assert_eq!(state, KeyValuesState::Unreadable(WayIn::Erase));
             assert!(keep.is_emergency_stopped());
             for room in [&mut [0; 64][..], &mut []] {
-                let key = keep.read_of_key(StoredKey::Key, room);
+                let key = keep.read(StoredKey::Key, room);
                 assert_eq!(key, Err(NotStored));
                 assert_eq!(keep.remembered_key(room), Err(NotStored));
             }
@@ -87,7 +87,7 @@ fn a_flash_that_comes_with_anything_in_it_is_to_be_erased_first() {
     with_store(&erased, None, |keep| {
         assert_eq!(keep.flash_health().records, KeyValuesState::New);
         assert!(!keep.is_emergency_stopped());
-        assert_eq!(keep.read_of_key(StoredKey::Key, &mut [0; 64]), Ok(0));
+        assert_eq!(keep.read(StoredKey::Key, &mut [0; 64]), Ok(0));
         keep.records().put(Key(1), &[7; STORED_KEY_BYTES]).unwrap();
     });
     with_store(&erased, None, |keep| {

@@ -29,7 +29,7 @@ use super::journal::COPY_BYTES;
 use super::layout::{BLANK, BLOCK_BYTES, HEADER_BYTES, HEADER_WRITTEN, NOTE, SEALED, TRIED};
 use crate::link::trial::MissionStore;
 use crate::realtime::params::SavedParams;
-use esm_link::key_store::{STORED_KEY_BYTES, StoredKey};
+use esm_link::key_store::{KeyStore, STORED_KEY_BYTES, StoredKey};
 use esm_link::message::{KeyValuesState, WayIn};
 
 type Broken = String;
@@ -107,8 +107,8 @@ fn with_store<T>(chip: &Chip, act: impl FnOnce(&mut FlashStore<'_, Chip>) -> T) 
 fn owned_and_stopped(more: u32) -> Chip {
     let chip = Chip::of(&vec![0xFF; END]);
     with_store(&chip, |keep| {
-        keep.write_of_key(StoredKey::Key, &OLD_KEY).unwrap();
-        keep.write_of_key(StoredKey::Key, &KEY).unwrap();
+        keep.write(StoredKey::Key, &OLD_KEY).unwrap();
+        keep.write(StoredKey::Key, &KEY).unwrap();
         keep.set_emergency_stop(true).unwrap();
         for number in 0..more {
             let saved = SavedParams::from_bytes(&[number as u8, 0, 0, 1, 7, 0, 1, 2, 3, 4]);
@@ -121,7 +121,7 @@ fn owned_and_stopped(more: u32) -> Chip {
 /// A robot that has a key, and of which nothing else was ever kept.
 fn young() -> Chip {
     let chip = Chip::of(&vec![0xFF; END]);
-    with_store(&chip, |keep| keep.write_of_key(StoredKey::Key, &KEY)).unwrap();
+    with_store(&chip, |keep| keep.write(StoredKey::Key, &KEY)).unwrap();
     chip
 }
 
@@ -144,7 +144,7 @@ impl Found {
 fn start(cells: &[u8]) -> Found {
     with_store(&Chip::of(cells), |keep| {
         let mut room = [0; 64];
-        let key = keep.read_of_key(StoredKey::Key, &mut room);
+        let key = keep.read(StoredKey::Key, &mut room);
         let is_locked = match key {
             Ok(len) => room[..len] == KEY,
             Err(_) => true,
@@ -392,9 +392,9 @@ fn put_back() -> Result<(), Broken> {
         keep.save_params(&SavedParams::from_bytes(&[1, 0, 0, 1, 7, 0, 1, 2, 3, 4]))
             .unwrap();
         past.push(chip.cells());
-        keep.write_of_key(StoredKey::Key, &OLD_KEY).unwrap();
+        keep.write(StoredKey::Key, &OLD_KEY).unwrap();
         past.push(chip.cells());
-        keep.write_of_key(StoredKey::Key, &KEY).unwrap();
+        keep.write(StoredKey::Key, &KEY).unwrap();
         past.push(chip.cells());
         keep.set_emergency_stop(true).unwrap();
         keep.set_emergency_stop(false).unwrap();
@@ -531,7 +531,7 @@ fn in_by_the_key() -> Result<(), Broken> {
     }
     // One that was sold has no owner.
     let chip = owned_and_stopped(1);
-    with_store(&chip, |keep| keep.write_of_key(StoredKey::Key, &[]))
+    with_store(&chip, |keep| keep.write(StoredKey::Key, &[]))
         .map_err(|error| format!("{error:?}"))?;
     let mut cells = chip.cells();
     cells[FIRST..JOURNAL].fill(0xFF);

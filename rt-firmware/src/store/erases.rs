@@ -12,7 +12,7 @@ use super::nor::{Chip, Rewrite};
 use crate::link::trial::MissionStore;
 use crate::realtime::params::SavedParams;
 use crate::retained_ram::RetainedRam;
-use esm_link::key_store::{STORED_KEY_BYTES, StoredKey, WriteError};
+use esm_link::key_store::{KeyStore, STORED_KEY_BYTES, StoredKey, WriteError};
 use esm_link::message::{LinkError, ResetReason};
 
 type Broken = String;
@@ -45,7 +45,7 @@ const ATTACKS: [(&str, Allowance, Attack<'static>); 4] = [
         let _ = keep.set_emergency_stop(number % 2 == 0);
     }),
     ("keys", KEYS, &|keep, number| {
-        let _ = keep.write_of_key(StoredKey::Key, &[number as u8; STORED_KEY_BYTES]);
+        let _ = keep.write(StoredKey::Key, &[number as u8; STORED_KEY_BYTES]);
     }),
     ("uploads", UPLOADS, &|keep, number| {
         if keep.trial_begins(&number.to_le_bytes()).is_ok() {
@@ -232,11 +232,10 @@ fn ordinary_use_passes() -> Result<(), Broken> {
     let flash = blank(Rewrite::Refuse);
     with_store(&flash, None, |keep| {
         chosen(keep);
-        keep.write_of_key(StoredKey::Key, &[7; STORED_KEY_BYTES])
-            .unwrap();
+        keep.write(StoredKey::Key, &[7; STORED_KEY_BYTES]).unwrap();
         for number in 0..20_u32 {
             let counter = u64::from(number) + 1;
-            keep.write_of_key(StoredKey::Counter, &counter.to_le_bytes())
+            keep.write(StoredKey::Counter, &counter.to_le_bytes())
                 .map_err(|error| format!("{error:?}"))?;
             keep.trial_begins(&number.to_le_bytes())
                 .and_then(|()| keep.trial_confirmed(number))
@@ -247,14 +246,14 @@ fn ordinary_use_passes() -> Result<(), Broken> {
         for number in 0..3_u8 {
             let refused = (0..=KEYS.burst as u8).find_map(|other| {
                 let key = [0x80 | ((KEYS.burst as u8 + 1) * number + other); STORED_KEY_BYTES];
-                keep.write_of_key(StoredKey::Key, &key).err()
+                keep.write(StoredKey::Key, &key).err()
             });
             let Some(WriteError::Budget { s }) = refused else {
                 return Err(format!("{refused:?}"));
             };
             now_us += u64::from(s) * SECOND_US;
             keep.tick(now_us);
-            keep.write_of_key(StoredKey::Key, &[0x40 | number; STORED_KEY_BYTES])
+            keep.write(StoredKey::Key, &[0x40 | number; STORED_KEY_BYTES])
                 .map_err(|error| format!("after {s} s: {error:?}"))?;
         }
         Ok(())

@@ -11,7 +11,7 @@ use super::{
 use crate::link::trial::MissionStore;
 use crate::realtime::params::SavedParams;
 use crate::retained_ram::RetainedRam;
-use esm_link::key_store::{NotStored, StoredKey, WriteError};
+use esm_link::key_store::{KeyStore, NotStored, StoredKey, WriteError};
 use esm_link::message::{BankState, Capacity, FlashHealth, LinkError, Source, StoreStatus};
 
 /// Room for records: what [`FlashStore::open`] is to be given.
@@ -167,55 +167,6 @@ impl<'m, F: NorFlash + Clone> FlashStore<'m, F> {
     /// The records. What is kept there is not paid for.
     pub fn records(&mut self) -> &mut KeyValues<'m, F> {
         &mut self.records
-    }
-
-    /// Reads what belongs to the robot's key, as
-    /// [`KeyStore::read`](esm_link::key_store::KeyStore::read) does.
-    ///
-    /// # Errors
-    /// [`NotStored`]: there is damage, or the record has no room.
-    pub fn read_of_key(&self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
-        self.records.read_of_key(record, room)
-    }
-
-    /// Keeps what belongs to the robot's key, as
-    /// [`KeyStore::write`](esm_link::key_store::KeyStore::write) does.
-    ///
-    /// # Errors
-    /// [`WriteError`]
-    pub fn write_of_key(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError> {
-        if self.records.is_kept(record.into(), bytes) {
-            return Ok(());
-        }
-        let paid = match record {
-            StoredKey::Key => self.budgets.keys.take(budget::ONE),
-            // An upload was signed.
-            StoredKey::Counter => self.budgets.uploads.take(budget::ONE),
-            // Once each start.
-            StoredKey::Starts => Ok(()),
-        };
-        paid.map_err(|s| WriteError::Budget { s })?;
-        Ok(self.records.write_of_key(record, bytes)?)
-    }
-
-    /// The key record that was kept last, where the records are damaged, as
-    /// [`KeyStore::remembered_key`](esm_link::key_store::KeyStore::remembered_key) reads it.
-    ///
-    /// # Errors
-    /// [`NotStored`]: it is not known, or has no room.
-    pub fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotStored> {
-        self.records.remembered_key(room)
-    }
-
-    /// Writes records that are damaged anew, as
-    /// [`KeyStore::renew`](esm_link::key_store::KeyStore::renew) does.
-    ///
-    /// # Errors
-    /// [`WriteError`]
-    pub fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
-        let paid = self.budgets.keys.take(budget::ONE);
-        paid.map_err(|s| WriteError::Budget { s })?;
-        (self.records.renew(key)).map_err(|_| WriteError::NotStored)
     }
 
     /// Which mission runs, and why.
@@ -375,6 +326,37 @@ impl<F: NorFlash> FlashStore<'_, F> {
         // A flash that does not take it wears out by asking again.
         self.stop_put_off = None;
         (self.records.put(Key::EMERGENCY_STOP, value)).map_err(|_| LinkError::StopNotStored)
+    }
+}
+
+impl<F: NorFlash> KeyStore for FlashStore<'_, F> {
+    fn read(&mut self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
+        self.records.read_of_key(record, room)
+    }
+
+    fn write(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError> {
+        if self.records.is_kept(record.into(), bytes) {
+            return Ok(());
+        }
+        let paid = match record {
+            StoredKey::Key => self.budgets.keys.take(budget::ONE),
+            // An upload was signed.
+            StoredKey::Counter => self.budgets.uploads.take(budget::ONE),
+            // Once each start.
+            StoredKey::Starts => Ok(()),
+        };
+        paid.map_err(|s| WriteError::Budget { s })?;
+        Ok(self.records.write_of_key(record, bytes)?)
+    }
+
+    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotStored> {
+        self.records.remembered_key(room)
+    }
+
+    fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
+        let paid = self.budgets.keys.take(budget::ONE);
+        paid.map_err(|s| WriteError::Budget { s })?;
+        (self.records.renew(key)).map_err(|_| WriteError::NotStored)
     }
 }
 

@@ -11,7 +11,7 @@ use esm_link::access::{
 use esm_link::frame::{
     CRC_BYTES, FrameReader, MAX_FRAME_BYTES, checksum, decode, encode, parse, unpack,
 };
-use esm_link::key_store::{KeyStore, NotStored, StoredKey, WriteError};
+use esm_link::key_store::KeyStore;
 use esm_link::message::{
     Channel, FromDevice, Identity, LinkError, MAX_CHUNK, Mode, Request, ResetReason, Response,
     Status, Stream, Swap, ToDevice,
@@ -156,29 +156,11 @@ impl LinkPort for Wire<'_> {
     }
 
     fn key_store(&mut self) -> Option<&mut dyn KeyStore> {
-        Some(self)
+        Some(&mut self.keep)
     }
 
     fn mission_store(&mut self) -> Option<&mut dyn MissionStore> {
         Some(&mut self.keep)
-    }
-}
-
-impl KeyStore for Wire<'_> {
-    fn read(&mut self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
-        self.keep.read_of_key(record, room)
-    }
-
-    fn write(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError> {
-        self.keep.write_of_key(record, bytes)
-    }
-
-    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotStored> {
-        self.keep.remembered_key(room)
-    }
-
-    fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
-        self.keep.renew(key)
     }
 }
 

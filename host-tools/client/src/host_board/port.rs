@@ -5,7 +5,7 @@ use std::io;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
-use esm_link::key_store::{KeyStore, NotStored, StoredKey, WriteError};
+use esm_link::key_store::KeyStore;
 use rt_firmware::body::line::{INTERVAL_US, LinePart, PART_BYTES};
 use rt_firmware::link::trial::MissionStore;
 use rt_firmware::store::flash_store::FlashStore;
@@ -49,36 +49,9 @@ pub(super) struct Port<'k> {
     now_us: u64,
     /// The board's time when it last swapped bytes with the plant.
     swapped_at_us: u64,
-    safe: Safe<'k>,
+    keep: Option<FlashStore<'k, Flash>>,
     /// The board is to end.
     stop: &'k AtomicBool,
-}
-
-/// What the board keeps.
-struct Safe<'k> {
-    keep: Option<FlashStore<'k, Flash>>,
-}
-
-impl KeyStore for Safe<'_> {
-    fn read(&mut self, record: StoredKey, room: &mut [u8]) -> Result<usize, NotStored> {
-        let keep = self.keep.as_mut().ok_or(NotStored)?;
-        keep.read_of_key(record, room)
-    }
-
-    fn write(&mut self, record: StoredKey, bytes: &[u8]) -> Result<(), WriteError> {
-        let keep = self.keep.as_mut().ok_or(NotStored)?;
-        keep.write_of_key(record, bytes)
-    }
-
-    fn remembered_key(&mut self, room: &mut [u8]) -> Result<usize, NotStored> {
-        let keep = self.keep.as_mut().ok_or(NotStored)?;
-        keep.remembered_key(room)
-    }
-
-    fn renew(&mut self, key: &[u8]) -> Result<(), WriteError> {
-        let keep = self.keep.as_mut().ok_or(NotStored)?;
-        keep.renew(key)
-    }
 }
 
 impl<'k> Port<'k> {
@@ -96,7 +69,7 @@ impl<'k> Port<'k> {
             has_heard_stop: false,
             now_us: 0,
             swapped_at_us: 0,
-            safe: Safe { keep },
+            keep,
             stop,
         }
     }
@@ -231,13 +204,10 @@ impl LinkPort for Port<'_> {
     }
 
     fn key_store(&mut self) -> Option<&mut dyn KeyStore> {
-        match self.safe.keep {
-            Some(_) => Some(&mut self.safe),
-            None => None,
-        }
+        self.keep.as_mut().map(|keep| keep as _)
     }
 
     fn mission_store(&mut self) -> Option<&mut dyn MissionStore> {
-        self.safe.keep.as_mut().map(|keep| keep as _)
+        self.keep.as_mut().map(|keep| keep as _)
     }
 }
