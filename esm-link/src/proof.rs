@@ -53,29 +53,12 @@ impl Secret {
         Secret(cut(&mac(private, &SECRET, &[salt])))
     }
 
-    /// The same with the secret worked into the hash already.
+    /// The secret, worked into the hash.
     pub fn keyed(&self) -> KeyedSecret {
         KeyedSecret {
             secret: *self,
             mac: keyed(&self.0),
         }
-    }
-
-    /// The same as [`KeyedSecret::of_identity`].
-    pub fn of_identity(
-        &self,
-        client: &[u8; NONCE_BYTES],
-        key: &[u8; KEY_BYTES],
-        salt: &[u8; SALT_BYTES],
-        robot: &[u8; NONCE_BYTES],
-        counter: u64,
-    ) -> Proof {
-        self.keyed().of_identity(client, key, salt, robot, counter)
-    }
-
-    /// The same as [`KeyedSecret::session`].
-    pub fn session(&self, client: &[u8; NONCE_BYTES], robot: &[u8; NONCE_BYTES]) -> Session {
-        self.keyed().session(client, robot)
     }
 }
 
@@ -237,7 +220,9 @@ mod tests {
             hmac(b"Jefe", b"what do ya want for nothing?")[..4],
             [0x5b, 0xdc, 0xc1, 0x46]
         );
-        let session = Secret([7; SECRET_BYTES]).session(&[1; NONCE_BYTES], &[2; NONCE_BYTES]);
+        let session = Secret([7; SECRET_BYTES])
+            .keyed()
+            .session(&[1; NONCE_BYTES], &[2; NONCE_BYTES]);
         let whole = [&REQUEST[..], &[3, 0, 0, 0], b"request"].concat();
         assert_eq!(
             session.of_request(3, b"request"),
@@ -250,10 +235,11 @@ mod tests {
         let secret = Secret::of_owner(b"private", &[0; SALT_BYTES]);
         assert_ne!(secret, Secret::of_owner(b"private", &[1; SALT_BYTES]));
         assert_ne!(secret, Secret::of_owner(b"pirvate", &[0; SALT_BYTES]));
-        let session = secret.session(&[1; NONCE_BYTES], &[2; NONCE_BYTES]);
+        let session = secret.keyed().session(&[1; NONCE_BYTES], &[2; NONCE_BYTES]);
         let others = [
-            secret.session(&[2; NONCE_BYTES], &[1; NONCE_BYTES]),
+            secret.keyed().session(&[2; NONCE_BYTES], &[1; NONCE_BYTES]),
             Secret::of_owner(b"private", &[1; SALT_BYTES])
+                .keyed()
                 .session(&[1; NONCE_BYTES], &[2; NONCE_BYTES]),
         ];
         for other in others {
@@ -272,7 +258,9 @@ mod tests {
 
     #[test]
     fn a_mask_is_taken_off_by_who_has_put_it_on() {
-        let old = Secret([1; SECRET_BYTES]).session(&[2; NONCE_BYTES], &[3; NONCE_BYTES]);
+        let old = Secret([1; SECRET_BYTES])
+            .keyed()
+            .session(&[2; NONCE_BYTES], &[3; NONCE_BYTES]);
         let new = Secret([4; SECRET_BYTES]);
         let masked = mask(new, &old, &[5; SALT_BYTES]);
         assert_ne!(masked, new);

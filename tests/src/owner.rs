@@ -50,10 +50,12 @@ impl Owner {
             proof,
         } = identity;
         let secret = key.secret(salt);
-        let expected = secret.of_identity(client, robot, salt, nonce, *counter);
+        let expected = secret
+            .keyed()
+            .of_identity(client, robot, salt, nonce, *counter);
         assert!(is_same(proof, &expected), "the robot has this key");
         Owner {
-            session: secret.session(client, nonce),
+            session: secret.keyed().session(client, nonce),
             number: 0,
         }
     }

@@ -140,6 +140,6 @@ pub struct Identity {
     pub nonce: [u8; NONCE_BYTES],
     /// Of the last upload that was accepted.
     pub counter: u64,
-    /// [`of_identity`](crate::proof::Secret::of_identity)
+    /// [`of_identity`](crate::proof::KeyedSecret::of_identity)
     pub proof: [u8; PROOF_BYTES],
 }

@@ -607,7 +607,7 @@ mod of_keys {
                 _ => None,
             },
         )?;
-        Ok((nonce, Secret(SECRET).session(&client, &nonce)))
+        Ok((nonce, Secret(SECRET).keyed().session(&client, &nonce)))
     }
 
     fn open(client: [u8; NONCE_BYTES], nonce: [u8; NONCE_BYTES], session: &Session) -> Request<'_> {
@@ -778,7 +778,7 @@ mod of_keys {
         // Who does not know the secret, and who comes too late.
         let client = [1; NONCE_BYTES];
         let (nonce, session) = identify(robot, client)?;
-        let wrong = Secret([0; SECRET_BYTES]).session(&client, &nonce);
+        let wrong = Secret([0; SECRET_BYTES]).keyed().session(&client, &nonce);
         robot.expect(open(client, nonce, &wrong), "Err(WrongProof)")?;
         robot.wire.now_us += NONCE_LIFE_US + 1;
         robot.expect(open(client, nonce, &session), "Err(NoChallenge)")?;

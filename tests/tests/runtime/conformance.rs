@@ -845,7 +845,7 @@ fn write_signed(text: &mut String) {
 
 fn write_proofs(text: &mut String, public: &[u8; KEY_BYTES], secret: Secret) {
     let (client, robot) = ([0x66; NONCE_BYTES], [0x77; NONCE_BYTES]);
-    let session = secret.session(&client, &robot);
+    let session = secret.keyed().session(&client, &robot);
     let _ = writeln!(
         text,
         "\nsession for tests only\nsecret {}\nclient {}\nrobot {}\nsession {}",
@@ -855,7 +855,9 @@ fn write_proofs(text: &mut String, public: &[u8; KEY_BYTES], secret: Secret) {
         hex(session.key())
     );
     let counter = 300u64;
-    let identity = secret.of_identity(&client, public, &TEST_SALT, &robot, counter);
+    let identity = secret
+        .keyed()
+        .of_identity(&client, public, &TEST_SALT, &robot, counter);
     let (number, number_bytes) = (70_000u32, 70_000u32.to_le_bytes());
     let request = bytes_of(Request::Stop);
     // As it is behind the proof: that it is no error, that it is done, and of what.

@@ -205,13 +205,15 @@ mod owned {
                 Request::Identify { nonce } => {
                     let (public, counter) = (key().public().0, 7);
                     let secret = key().secret(&SALT);
-                    session = Some(secret.session(&nonce, &NONCE));
+                    session = Some(secret.keyed().session(&nonce, &NONCE));
                     let mut identity = Identity {
                         key: public,
                         salt: SALT,
                         nonce: NONCE,
                         counter,
-                        proof: secret.of_identity(&nonce, &public, &SALT, &NONCE, counter),
+                        proof: secret
+                            .keyed()
+                            .of_identity(&nonce, &public, &SALT, &NONCE, counter),
                     };
                     if before == Before::Identity && is_first {
                         identity.salt = [0; SALT_BYTES];

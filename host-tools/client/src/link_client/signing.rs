@@ -187,7 +187,10 @@ impl<L: ByteLink> LinkClient<L> {
             let client = keys::random()?;
             let identity = self.identify(client, patience)?;
             let key = self.signing.signer.key()?;
-            let session = key.secret(&identity.salt).session(&client, &identity.nonce);
+            let session = key
+                .secret(&identity.salt)
+                .keyed()
+                .session(&client, &identity.nonce);
             let request = Request::OpenSession {
                 client,
                 robot: identity.nonce,
@@ -244,6 +247,7 @@ impl<L: ByteLink> LinkClient<L> {
                 } = &identity;
                 let expected = key
                     .secret(salt)
+                    .keyed()
                     .of_identity(&client, robot, salt, nonce, *counter);
                 let is_shown = is_same(proof, &expected) || mutant!(IdentityBelieved);
                 Some((identity, is_shown))
