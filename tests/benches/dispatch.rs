@@ -44,14 +44,17 @@ const KINDS: [(&str, &[&str], &[&str]); 3] = [
     ("Two", &["from"], &["to"]),
     ("Four", &["first", "second"], &["to", "also"]),
 ];
-/// How many ports these have.
-const KINDS_PORTS: [u32; KINDS.len()] = [0, 2, 4];
 /// Duration of such a slot, in microseconds.
 const DURATION_US: usize = 3_500;
 /// Activations whose start times are compared with what they should be.
 const ACTIVATIONS: u64 = 1_000_000_000;
 /// How long the emulator may take for a run.
 const RUN_LIMIT: Duration = Duration::from_secs(60);
+
+/// How many ports the tasks of [`KINDS`] have.
+fn kinds_ports() -> [usize; KINDS.len()] {
+    KINDS.map(|(_, inputs, outputs)| inputs.len() + outputs.len())
+}
 
 /// What runs in slot 0.
 #[derive(Clone, Copy, PartialEq)]
@@ -88,7 +91,7 @@ impl Measured {
 
     /// What a task with so many ports adds to its slot's handler and to the one before, in which it
     /// is made ready, in tenths of an instruction.
-    fn task_adds(&self, ports: u32) -> Option<u32> {
+    fn task_adds(&self, ports: usize) -> Option<u32> {
         let measured = |name: String| self.row(&name).filter(|range| range.count > 0);
         let whole = measured("whole".to_owned())?;
         let before = measured(format!("before-{ports}"))?;
@@ -127,14 +130,22 @@ fn main() -> ExitCode {
     }
 }
 
-/// Prints what programs want to know as one JSON object, in instructions.
-fn bench_json(firmware: &Path) -> Result<(), Box<dyn Error>> {
+/// Runs the firmware with each number of slots, beside each background; `each` hears of every run.
+fn run_all(firmware: &Path, each: impl Fn(&Measured)) -> Result<Vec<Measured>, Box<dyn Error>> {
     let mut runs = Vec::new();
     for slots in SLOTS {
         for background in [Background::Spin, Background::Call] {
-            runs.push(run(firmware, slots, background)?);
+            let measured = run(firmware, slots, background)?;
+            each(&measured);
+            runs.push(measured);
         }
     }
+    Ok(runs)
+}
+
+/// Prints what programs want to know as one JSON object, in instructions.
+fn bench_json(firmware: &Path) -> Result<(), Box<dyn Error>> {
+    let runs = run_all(firmware, |_| ())?;
     println!("{}", json(&runs).ok_or("the firmware did not measure all")?);
     Ok(())
 }
@@ -154,7 +165,7 @@ fn json(runs: &[Measured]) -> Option<serde_json::Value> {
         runs.filter_map(|run| Some((run, run.row("whole").filter(|range| range.count > 0)?)))
     };
     let (main, _) = quiet().find(|(run, _)| run.slots == MAIN_SLOTS)?;
-    let adds = KINDS_PORTS.map(|ports| Some((ports.to_string(), of(main.task_adds(ports)?))));
+    let adds = kinds_ports().map(|ports| Some((ports.to_string(), of(main.task_adds(ports)?))));
     Some(serde_json::json!({
         "start_min": of(starts.iter().map(|range| range.min).min()?),
         "start_max": of(starts.iter().map(|range| range.max).max()?),
@@ -169,14 +180,7 @@ fn json(runs: &[Measured]) -> Option<serde_json::Value> {
 }
 
 fn bench(firmware: &Path) -> Result<(), Box<dyn Error>> {
-    let mut runs = Vec::new();
-    for slots in SLOTS {
-        for background in [Background::Spin, Background::Call] {
-            let measured = run(firmware, slots, background)?;
-            println!("{}", told(&measured));
-            runs.push(measured);
-        }
-    }
+    let runs = run_all(firmware, |measured| println!("{}", told(measured)))?;
     println!("\n{}", table(&runs));
     let begun = Instant::now();
     let run = exactness::run(ACTIVATIONS);
@@ -455,7 +459,7 @@ fn table(runs: &[Measured]) -> String {
             instructions(whole.mean),
             instructions(whole.max)
         );
-        for ports in KINDS_PORTS {
+        for ports in kinds_ports() {
             let _ = match run.task_adds(ports) {
                 Some(adds) => write!(text, " {} |", instructions(adds)),
                 None => write!(text, " |"),

@@ -359,7 +359,7 @@ impl RealTime<'_, '_> {
     /// What was looked up is so no more.
     pub(super) fn forget_next(&mut self) {
         self.settle();
-        self.next.window_ticks = 0;
+        self.pass_over_next();
     }
 
     /// The same, with what was counted to be [settled](Self::settle) later: each instruction here
