@@ -55,6 +55,7 @@ bugs! {
     StopDoneBefore: "a stop is answered before the robot stands still",
     StopAheadForgotten: "what was read before a stop that was heard is carried out behind it",
     OvertakenForgotten: "a start that is under way is carried out behind a stop",
+    WaitingComesAnew: "what waited for its turn counts as read when it is carried out",
     OverloadForgotten: "what cannot be answered fills the queue until stops and uploads are lost",
     BudgetForgotten: "the link takes all the time that there is",
 }

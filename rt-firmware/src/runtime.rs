@@ -290,6 +290,7 @@ pub fn split<
         command: Some(memory.command.write(Command::Empty)),
         pending: None,
         place: Place::BEGINNING,
+        stops_before: None,
         asked: None,
         to_real_time,
         from_real_time,

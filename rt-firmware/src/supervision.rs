@@ -46,9 +46,6 @@ pub(crate) struct Heartbeats {
     /// An emergency stop is latched. Set by whoever wants one, cleared by the real-time side alone,
     /// which looks before each exchange with the body.
     pub(crate) emergency_stop: AtomicBool,
-    /// The emergency stop that is latched may be released, since nobody wanted another one after
-    /// that was asked for. The link sets it, and whoever wants a stop clears it.
-    pub(crate) release: AtomicBool,
     /// The button that latches one is pressed; looked at while one is latched.
     pub(crate) stop_pressed: AtomicBool,
     /// The link prepares a mission, or has asked for one to take over.
@@ -67,7 +64,6 @@ impl Heartbeats {
             link_us: AtomicU32::new(0),
             stops: Stops::new(),
             emergency_stop: AtomicBool::new(false),
-            release: AtomicBool::new(false),
             stop_pressed: AtomicBool::new(false),
             mission_is_coming: AtomicBool::new(false),
         }

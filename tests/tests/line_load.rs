@@ -6,8 +6,9 @@
 //! time. So a run repeats to the byte, and takes as long as this machine needs for it.
 //!
 //! `ESM_LOAD_SECONDS` says how long each kind of request floods the robot, in its own time,
-//! `ESM_LOAD_ALL=1` that each kind does, and `ESM_LOAD_STOPS` how many stops are tried.
-//! `cargo xtask campaign stops` and `load` do it at full length.
+//! `ESM_LOAD_ALL=1` that each kind does, and `ESM_LOAD_STOPS` how many stops are tried, of a robot
+//! with the mission `ESM_LOAD_MISSION`. `cargo xtask campaign stops`, `many-stops` and `load` do it
+//! at full length.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
@@ -583,9 +584,9 @@ fn watched_robot() -> (Emulator, Crowded, Arc<Mutex<Motors>>) {
         flood: Arc::new(Mutex::new((Flood::Nothing, 0))),
     };
     let (mut client, _) = LinkClient::connect(line.clone()).unwrap();
-    client
-        .upload(&blob("missions/patrol.esm"), &mut |_| ())
-        .unwrap();
+    let mission = std::env::var("ESM_LOAD_MISSION");
+    let mission = mission.as_deref().unwrap_or("missions/patrol.esm");
+    client.upload(&blob(mission), &mut |_| ()).unwrap();
     (emulator, line, motors)
 }
 
@@ -603,11 +604,15 @@ struct StopTrials {
     line: Crowded,
     motors: Arc<Mutex<Motors>>,
     random: Random,
+    /// When it was sent a start last.
+    started_us: u64,
 }
 
 impl StopTrials {
     /// How often starts are sent again until it drives.
     const START_INTERVAL_US: u64 = 40_000;
+    /// It is stopped at any time in so many microseconds: all slots are due at least twice in them.
+    const STOPPED_WITHIN_US: usize = 80_000;
     /// So long it is watched at least, and until it has answered, but not for longer than the
     /// latter.
     const WATCHED_US: u64 = 60_000;
@@ -620,6 +625,7 @@ impl StopTrials {
             line,
             motors,
             random: Random::new(seed),
+            started_us: 0,
         };
         trials.begin();
         trials
@@ -669,8 +675,10 @@ impl StopTrials {
             assert!(now_us < begun_us + 20_000_000, "it does not drive");
             let is_on = on_us == now_us && on_us > begun_us;
             if until_us.is_none() && is_on {
-                until_us = Some(now_us + 60_000 + self.random.below(100_000) as u64);
+                until_us =
+                    Some(now_us + 20_000 + self.random.below(Self::STOPPED_WITHIN_US) as u64);
             } else if until_us.is_none() && now_us >= start_us {
+                self.started_us = now_us;
                 for request in [Request::Release, Request::Start] {
                     let seq = self.random.bits() as u8;
                     self.send(seq, request);
@@ -724,7 +732,12 @@ impl StopTrials {
         let on_us = self.motors.lock().unwrap().on_us;
         // What is answered is done: the body has seen nothing else since.
         if let Some(done_us) = done_us {
-            assert!(on_us <= done_us, "done at {done_us}, on at {on_us}");
+            assert!(
+                on_us <= done_us,
+                "{request:?} of {seq} sent at {sent_us} us behind {injected:?}, done at {done_us} \
+                 us, on at {on_us} us, started last at {} us",
+                self.started_us
+            );
         }
         StopTrial {
             on_for_us: on_us.saturating_sub(sent_us),

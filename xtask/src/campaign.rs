@@ -78,6 +78,19 @@ const CAMPAIGNS: &[Campaign] = &[
         hogs: 0,
     },
     Campaign {
+        name: "many-stops",
+        what: "100,000 stops on a full line of a robot that turns on the spot, in the emulator (3 h)",
+        package: "esm-tests",
+        target: &["--test", "line_load"],
+        tests: "a_stop_on_a_full_line",
+        settings: &[
+            ("ESM_LOAD_STOPS", "100000"),
+            ("ESM_LOAD_MISSION", "tests/data/turns.esm"),
+        ],
+        needs_firmware: true,
+        hogs: 0,
+    },
+    Campaign {
         name: "load",
         what: "each request at the line's rate for 10 minutes of robot time, in the emulator (20 min)",
         package: "esm-tests",

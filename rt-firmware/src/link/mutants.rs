@@ -15,7 +15,7 @@ use crate::{About, AnyTaskPool, Board, Limits, Mailbox, Memory, RealTime, split}
 use esm_link::access::MAX_DEADLINE_US;
 use esm_link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, decode, encode};
 use esm_link::key_store::{KeyStore, NotStored, StoredKey, Volatile, WriteError};
-use esm_link::message::{FromDevice, Request, Swap, ToDevice};
+use esm_link::message::{FromDevice, Mode, Request, Swap, ToDevice};
 use esm_link::mutants::{ALL, Bug, plant};
 #[cfg(feature = "telemetry")]
 use esm_link::telemetry::MAX_ASK_BYTES;
@@ -297,6 +297,53 @@ const LAWS: &[(&str, Law)] = &[
             }
             Ok(())
         })
+    }),
+    ("what waits for its turn undoes no stop behind it", || {
+        for (wanted, stop) in [
+            (Request::Start, Request::Stop),
+            (Request::Release, Request::EmergencyStop),
+        ] {
+            with_robot(|robot| {
+                let mut listener = robot.link.stop_listener();
+                let mut send = |robot: &mut Robot<'_, '_, '_>, bytes: &[u8]| {
+                    for byte in bytes {
+                        let _ = listener.hear(*byte, true);
+                    }
+                    robot.wire.to_robot.extend(bytes);
+                    // Not until there is nothing to do: the wire is stuck.
+                    for _ in 0..8 {
+                        robot.link.poll(&mut robot.wire);
+                    }
+                };
+                send(robot, &framed(1, stop));
+                robot.real_time.on_timer(&mut Timer(1_000));
+                // An answer is on its way out, which the wire does not take.
+                let _ = robot.answers(&[]);
+                robot.wire.is_stuck = true;
+                send(robot, &framed(2, Request::Clock));
+                // More follows than there is time for: what is read waits.
+                let much = [0; 400];
+                send(robot, &[&framed(3, wanted)[..], &much].concat());
+                send(robot, &[&framed(4, stop)[..], &much].concat());
+                robot.real_time.on_timer(&mut Timer(2_000));
+                robot.wire.is_stuck = false;
+                let answers = robot.answers(&[]);
+                robot.real_time.on_timer(&mut Timer(3_000));
+                let last = robot.answers(&[]);
+                expect(&answers[1..], &["4: Ok(Done)"])?;
+                let mode = robot.real_time.mode();
+                let is_refused = last.len() == 1 && last[0].starts_with("3: Err(");
+                let stopped = match stop {
+                    Request::Stop => Mode::Stopped,
+                    _ => Mode::EmergencyStopped,
+                };
+                if is_refused && mode == stopped {
+                    return Ok(());
+                }
+                Err(format!("{last:?} to {wanted:?}, and then {mode:?}"))
+            })?;
+        }
+        Ok(())
     }),
     ("a request is carried out in its time or not at all", || {
         with_robot(|robot| {

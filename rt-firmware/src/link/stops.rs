@@ -3,9 +3,9 @@
 //!
 //! A stop is wished for at two places: where its bytes come off the line
 //! ([`StopListener`](crate::StopListener)), ahead of all that waits in the link's queue, and where
-//! the link reads it there. Each place counts its own wishes, so that every word has one writer.
-//! The sum says which wishes were there when a request was read: what is older than a wish must not
-//! undo it.
+//! the link reads it there. The real-time side sees the button besides. Each place counts its own
+//! wishes, so that every word has one writer. The sum says which wishes were there when a request
+//! was read, however long it waits after that: what is older than a wish must not undo it.
 //!
 //! *Invariant:* a wish is counted first, then the real-time side is called. It takes the call back
 //! first, and looks at the counts then. So no wish is lost, wherever one interrupts the other.
@@ -33,6 +33,8 @@ pub(crate) struct Stops {
     read: AtomicU32,
     /// Of these, as many as the robot has stopped for. The real-time side's.
     done: AtomicU32,
+    /// How often the button was seen pressed. The real-time side's.
+    pressed: AtomicU32,
     /// Bytes that were kept for the link. The listener's.
     kept_bytes: AtomicU32,
     /// Bytes of the line that found no room. The listener's.
@@ -56,6 +58,7 @@ impl Stops {
             heard_at: AtomicU32::new(0),
             read: AtomicU32::new(0),
             done: AtomicU32::new(0),
+            pressed: AtomicU32::new(0),
             kept_bytes: AtomicU32::new(0),
             lost_bytes: AtomicU32::new(0),
         }
@@ -89,6 +92,11 @@ impl Stops {
         add_one(&self.read)
     }
 
+    /// The button is pressed. For the real-time side alone, which stops the robot itself.
+    pub(crate) fn press(&self) {
+        add_one(&self.pressed);
+    }
+
     /// Calls the real-time side. To be called behind all that it is to see.
     pub(crate) fn call(&self) {
         preemptible!();
@@ -113,7 +121,10 @@ impl Stops {
     pub(crate) fn count(&self) -> u32 {
         let heard = self.heard.load(Acquire);
         preemptible!();
-        heard.wrapping_add(self.read.load(Acquire))
+        let read = self.read.load(Acquire);
+        heard
+            .wrapping_add(read)
+            .wrapping_add(self.pressed.load(Relaxed))
     }
 
     /// How many were read. For the real-time side, before it stops the robot.
@@ -144,9 +155,6 @@ impl Heartbeats {
     /// Lets the real-time side switch the motors off before it next exchanges anything with the
     /// body, and after each reset. Whoever wants that has counted the wish before.
     pub(crate) fn latch_emergency_stop(&self, kept: Option<&RetainedRam>) {
-        // Before all else: a release that is under way is older than this, and must not end it.
-        self.release.store(false, Relaxed);
-        preemptible!();
         if let Some(kept) = kept {
             kept.set_emergency_stop(true);
         }
@@ -188,6 +196,15 @@ impl Place {
             return -1;
         }
         kept_bytes.wrapping_sub(self.taken) as i32
+    }
+
+    /// What a request that ends here is older than: all wishes but so many. `None` if one was heard
+    /// already that comes behind it.
+    pub(crate) fn wishes_before(&mut self, stops: &Stops) -> Option<u32> {
+        // First how many, then whether one is ahead: so none is overlooked that is heard in
+        // between.
+        let count = stops.count();
+        (!self.is_stop_ahead(stops)).then_some(count)
     }
 
     /// Whether a stop was heard whose bytes are still to come, or were lost: what was read up to

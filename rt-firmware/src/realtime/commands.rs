@@ -108,9 +108,7 @@ impl<'m> RealTime<'_, 'm> {
             },
             // A stop that came behind it goes on.
             Command::Release
-                if !self.heartbeats.release.load(Ordering::Relaxed)
-                    || self.heartbeats.stops.overtakes(stops)
-                    || is_stop_pressed(board) =>
+                if self.heartbeats.stops.overtakes(stops) || is_stop_pressed(board) =>
             {
                 Command::Failed(LinkError::EmergencyStopped)
             }

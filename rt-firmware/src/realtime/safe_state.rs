@@ -109,8 +109,7 @@ impl RealTime<'_, '_> {
     #[inline(never)]
     pub(super) fn stop_for_emergency<B: Board>(&mut self, board: &mut B) {
         if !self.heartbeats.emergency_stop.load(Ordering::Relaxed) {
-            // It was the button: what was sent before does not end this.
-            self.heartbeats.release.store(false, Ordering::Relaxed);
+            self.count_press();
         }
         self.heartbeats
             .emergency_stop
@@ -132,9 +131,15 @@ impl RealTime<'_, '_> {
             .stop_pressed
             .store(is_pressed, Ordering::Relaxed);
         if is_pressed {
-            // What was sent before does not end this.
-            self.heartbeats.release.store(false, Ordering::Relaxed);
+            self.count_press();
         }
+    }
+
+    /// The button is pressed: what was sent before does not end this.
+    fn count_press(&mut self) {
+        self.heartbeats.stops.press();
+        // The robot stops for it now.
+        self.stops = self.stops.wrapping_add(1);
     }
 }
 

@@ -100,6 +100,8 @@ pub(super) struct ClientSession {
     asked: Taken,
     /// The message that waits until the real-time side has answered a stranger's.
     waiting: Taken,
+    /// How many stops had been wished for when it was read.
+    waiting_stops: Option<u32>,
     /// The stop that was read last, until the robot has stopped.
     awaited_stop: Option<AwaitedStop>,
     /// The last chunk that was taken and not answered.
@@ -116,6 +118,7 @@ impl ClientSession {
         answered: Taken::NOTHING,
         asked: Taken::NOTHING,
         waiting: Taken::NOTHING,
+        waiting_stops: None,
         awaited_stop: None,
         untold_chunk: None,
         replies_to: UNKNOWN,
@@ -136,9 +139,11 @@ impl ClientSession {
         self.waiting.len == 0 && (self.reply.is_done() || gives_way)
     }
 
-    /// This message is carried out later.
-    pub(super) fn wait(&mut self, message: &[u8]) {
+    /// This message is carried out later: as one that was read when so many stops had been wished
+    /// for.
+    pub(super) fn wait(&mut self, message: &[u8], stops: Option<u32>) {
         self.waiting.set(message);
+        self.waiting_stops = stops;
     }
 
     /// Whether a message may wait for the wire to take the answer before: the first of another kind
@@ -162,11 +167,16 @@ impl ClientSession {
         self.awaited_stop.take_if(|stop| is_done(stop.wish))
     }
 
-    /// The message that waited, in `room`; nothing if none has.
-    pub(super) fn take_waiting<'r>(&mut self, room: &'r mut [u8; MAX_MESSAGE_BYTES]) -> &'r [u8] {
+    /// The message that waited, in `room`, and how many stops had been wished for when it was read;
+    /// nothing if none has.
+    pub(super) fn take_waiting<'r>(
+        &mut self,
+        room: &'r mut [u8; MAX_MESSAGE_BYTES],
+    ) -> (&'r [u8], Option<u32>) {
         *room = self.waiting.bytes;
         let len = core::mem::take(&mut self.waiting.len);
-        room.get(..usize::from(len)).unwrap_or_default()
+        let message = room.get(..usize::from(len)).unwrap_or_default();
+        (message, self.waiting_stops)
     }
 
     /// Whether this message has come before.

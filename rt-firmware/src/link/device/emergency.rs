@@ -10,10 +10,6 @@ use esm_link::message::{LinkError, Response};
 impl RequestHandler<'_, '_> {
     /// Asks the real-time side to end the emergency stop that is latched now.
     pub(super) fn release<'a>(&mut self) -> Reaction<'a> {
-        // What is under way already is not changed by one that comes too early.
-        if self.command.is_some() {
-            self.heartbeats.release.store(true, Ordering::Relaxed);
-        }
         self.ask(Command::Release)
     }
 

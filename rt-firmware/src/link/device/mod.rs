@@ -263,6 +263,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
 
     /// Takes a message that has arrived.
     fn take(&mut self, message: &[u8], port: &mut impl LinkPort) {
+        let handler = &mut self.handler;
+        handler.stops_before = handler.place.wishes_before(&handler.heartbeats.stops);
         let Ok(ToDevice { seq, request }) = parse(message) else {
             // It arrived as it was sent, so that sending it again is no use: say so. Its number
             // comes first.
@@ -368,7 +370,12 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             if is_in_the_way || !client_session.reply.is_done() {
                 continue;
             }
-            let message = client_session.take_waiting(&mut room);
+            let (message, stops) = client_session.take_waiting(&mut room);
+            let handler = &mut self.handler;
+            handler.stops_before = match mutant!(WaitingComesAnew) {
+                true => handler.place.wishes_before(&handler.heartbeats.stops),
+                false => stops,
+            };
             let Ok(ToDevice { seq, request }) = parse(message) else {
                 continue;
             };
@@ -498,7 +505,7 @@ fn carry_out(
         (_, Reaction::Answer(Err(LinkError::Busy)))
             if is_in_the_way && !mutant!(OwnerWaitsInVain) =>
         {
-            client_session.wait(message);
+            client_session.wait(message, handler.stops_before);
         }
         (of, Reaction::Answer(result)) => {
             client_session.answer(message, is_chunk);

@@ -100,7 +100,7 @@ impl RequestHandler<'_, '_> {
                 true
             }
             _ if client_session.may_wait(of) => {
-                client_session.wait(message);
+                client_session.wait(message, self.stops_before);
                 true
             }
             _ => false,

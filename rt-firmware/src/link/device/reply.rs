@@ -33,11 +33,8 @@ impl<'m> RequestHandler<'_, 'm> {
             Some(pending) if !mutant!(DeadlineForgotten) => pending.by_us,
             _ => NO_DEADLINE,
         };
-        // First how many, then whether one is ahead: so none is overlooked that is heard in
-        // between.
-        let stops = self.heartbeats.stops.count();
-        let is_overtaken = self.place.is_stop_ahead(&self.heartbeats.stops);
-        let stops = (!is_overtaken).then_some(stops);
+        // What nobody has asked for starts nothing that a stop has ended.
+        let stops = asked.and_then(|asked| asked.stops);
         preemptible!();
         match self.to_real_time.enqueue(Posted {
             command,

@@ -45,6 +45,8 @@ pub(crate) struct RequestHandler<'q, 'm> {
     pub(crate) pending: Option<PendingRequest>,
     /// Where the link stands among the bytes of its line.
     pub(crate) place: Place,
+    /// How many stops had been wished for when the request was read that is carried out.
+    pub(crate) stops_before: Option<u32>,
     /// The request whose answer the command will bring.
     pub(crate) asked: Option<PendingRequest>,
     pub(crate) to_real_time: Producer<'q, Posted<'m>>,
@@ -78,6 +80,9 @@ pub(crate) struct PendingRequest {
     pub(super) of: u8,
     /// When it is too late for it, on the board's clock in microseconds.
     pub(super) by_us: u64,
+    /// How many stops had been wished for when it was read, see
+    /// [`wishes_before`](Place::wishes_before).
+    pub(super) stops: Option<u32>,
 }
 
 /// What becomes of a request.
@@ -186,6 +191,7 @@ impl RequestHandler<'_, '_> {
                     sender,
                     of,
                     by_us,
+                    stops: self.stops_before,
                 });
                 self.carry_out(&request, port)
             }
