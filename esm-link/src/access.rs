@@ -55,8 +55,6 @@ pub enum Recurrence {
     New,
     /// The last one, once more.
     Again,
-    /// One from before the last: what somebody has kept.
-    Old,
 }
 
 /// What a request needs. Each one is named, so that none is forgotten.

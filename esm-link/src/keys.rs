@@ -20,6 +20,9 @@ use crate::message::{Identity, LinkError};
 pub use crate::proof::Session;
 use crate::proof::{KeyedSecret, Proof, RequestChecker, Secret, is_same, mask};
 
+/// The number of a request in the owner's session is above that of the one before by so much at
+/// most: a client counts on by one.
+const MOST_AHEAD: u32 = 64;
 /// How long no signature is looked at after a wrong one, in microseconds.
 pub const PAUSE_AFTER_WRONG_US: u64 = 1_000_000;
 
@@ -267,6 +270,11 @@ impl Keys {
         request: &[u8],
     ) -> Result<Recurrence, LinkError> {
         let open = self.session.as_mut().ok_or(LinkError::NoSession)?;
+        // What cannot be the owner's next request costs no proof.
+        let is_old = number < open.number && !mutant!(NumberRepeated);
+        if is_old || number.saturating_sub(open.number) > MOST_AHEAD {
+            return Err(LinkError::WrongProof);
+        }
         if !is_same(proof, &open.checker.of_request(number, request)) && !mutant!(ProofUnchecked) {
             return Err(LinkError::WrongProof);
         }
@@ -276,10 +284,8 @@ impl Keys {
             }
             open.number = number;
             Ok(Recurrence::New)
-        } else if number == open.number {
-            Ok(Recurrence::Again)
         } else {
-            Ok(Recurrence::Old)
+            Ok(Recurrence::Again)
         }
     }
 

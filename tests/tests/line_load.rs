@@ -482,8 +482,11 @@ fn key() -> SigningKey {
     SigningKey::of(&[9; 32])
 }
 
-/// Uploads while the line is full, with this key if the robot has one. Each takes so many times as
-/// long as on a quiet line at most, if that is said.
+/// Uploads on a full line for each kind of flood: their median counts.
+const UPLOADS: usize = 3;
+
+/// Uploads while the line is full, with this key if the robot has one. In the median they take so
+/// many times as long as on a quiet line at most, if that is said.
 fn crowded_uploads(robot: &Robot, most: Option<f64>) {
     let all = environment::number("ESM_LOAD_ALL", 0) > 0;
     let seconds = environment::number("ESM_LOAD_SECONDS", 2) as f64;
@@ -523,7 +526,12 @@ fn crowded_uploads(robot: &Robot, most: Option<f64>) {
         robot.flood(flood.clone(), seconds);
         robot.assert_drives(name, status.mission);
         robot.line.set(flood);
-        let crowded_s = upload_s(&other);
+        // A frame that is lost costs the client up to 0.2 s, whatever fills the line.
+        let uploads = (0..UPLOADS).map(|_| upload_s(&other));
+        let crowded_s = uploads.collect::<Result<Vec<_>, _>>().map(|mut times| {
+            times.sort_by(f64::total_cmp);
+            times[UPLOADS / 2]
+        });
         robot.line.set(Flood::Nothing);
         match crowded_s {
             Ok(crowded_s) => println!(

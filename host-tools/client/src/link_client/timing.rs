@@ -12,7 +12,7 @@ pub(super) const REQUEST_DEADLINE: Duration = Duration::from_secs(6);
 /// How long it may take while something does come: a robot is there, and the line is bad.
 pub const NOISY_DEADLINE: Duration = Duration::from_secs(30);
 
-const FIRST_WAIT: Duration = Duration::from_millis(300);
+const FIRST_WAIT: Duration = Duration::from_millis(200);
 const SHORTEST_WAIT: Duration = Duration::from_millis(40);
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
 
@@ -213,7 +213,7 @@ mod tests {
     fn waits_follow_what_replies_take() {
         let ms = Duration::from_millis;
         let mut time = ReplyTime::default();
-        assert_eq!(time.wait(0, 0), ms(300), "nothing is known yet");
+        assert_eq!(time.wait(0, 0), ms(200), "nothing is known yet");
         for _ in 0..50 {
             time.seen(ms(2));
         }

@@ -67,6 +67,17 @@ impl Budget {
         passed_us
     }
 
+    /// What is to be paid back, in microseconds.
+    pub(super) fn owed(&self) -> i32 {
+        -self.left_us.min(0)
+    }
+
+    /// Nothing more than so much is owed: what took longer was the owner's, who has proven that.
+    /// Strangers cannot ask for it, and what they take is to leave him his time.
+    pub(super) fn forgive(&mut self, owed: i32) {
+        self.left_us = self.left_us.max(-owed);
+    }
+
     /// Whether requests are carried out.
     pub(super) fn is_left(&self) -> bool {
         self.left_us > 0

@@ -273,9 +273,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             return;
         };
         let (sender, request) = match self.handler.sender(&request, port) {
-            Ok(Some(found)) => found,
-            // One that somebody has kept.
-            Ok(None) => return,
+            Ok(found) => found,
             Err(error) => {
                 let of = request.kind();
                 self.refuse(Answered { seq, of }, error);
@@ -336,6 +334,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             _ => {}
         }
         self.handler.streams_are_sent = self.stream.is_done();
+        let owed = self.budget.owed();
         carry_out(
             client_session,
             &mut self.handler,
@@ -345,6 +344,10 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             request,
             port,
         );
+        if sender != Sender::Anyone {
+            self.charge(port);
+            self.budget.forgive(owed);
+        }
     }
 
     /// Refuses what is nobody's request, if there is room for an answer.

@@ -100,13 +100,12 @@ pub(super) enum Reaction<'a> {
 }
 
 impl RequestHandler<'_, '_> {
-    /// Who sent a request. Takes it out of what proves that. Nobody, where it is one that the owner
-    /// has sent before another.
+    /// Who sent a request. Takes it out of what proves that.
     pub(super) fn sender<'a>(
         &mut self,
         request: &Request<'a>,
         port: &mut impl LinkPort,
-    ) -> Result<Option<(Sender, Request<'a>)>, LinkError> {
+    ) -> Result<(Sender, Request<'a>), LinkError> {
         let Request::Proven {
             number,
             ref proof,
@@ -117,12 +116,11 @@ impl RequestHandler<'_, '_> {
             if self.keys.access(port.key_store()) != Access::Locked || mutant!(StrangerHeard) {
                 self.hear();
             }
-            return Ok(Some((Sender::Anyone, *request)));
+            return Ok((Sender::Anyone, *request));
         };
         let is_new = match self.keys.check_proven(number, proof, bytes)? {
             Recurrence::New => true,
             Recurrence::Again => false,
-            Recurrence::Old => return Ok(None),
         };
         let request = deserialized(bytes)?;
         if !may_be_proven(&request) {
@@ -131,7 +129,7 @@ impl RequestHandler<'_, '_> {
         if is_new {
             self.hear();
         }
-        Ok(Some((Sender::Owner { number }, request)))
+        Ok((Sender::Owner { number }, request))
     }
 
     /// Whether this one's chunks are taken, as [`allowed`](Self::allowed) has it.
