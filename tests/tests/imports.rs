@@ -72,6 +72,10 @@ fn tests_comments_and_texts_import_nothing() {
             "a test's import",
             "#[cfg(test)]\nuse crate::a::{A, C};\npub struct B;",
         ),
+        (
+            "an import for links in comments",
+            "#[cfg(doc)]\nuse crate::a::{A, C};\n/// [`A`]\npub struct B;",
+        ),
     ] {
         let a = ("a.rs", "use crate::b::B;\npub struct A;");
         assert_eq!(of(&[TWO, a, ("b.rs", b)]), [] as [&str; 0], "{what}");
