@@ -8,7 +8,7 @@ use super::RealTime;
 use super::background_runs::net_of;
 use super::mission::Mission;
 use crate::features::PARAMS;
-use crate::mailbox::{Bytes, Command};
+use crate::realtime::mailbox::{Bytes, Command};
 use crate::task::MAX_DATA_PORTS;
 use esm_link::message::{LinkError, TaskCounters};
 use esm_link::telemetry::Ask;

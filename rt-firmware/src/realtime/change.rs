@@ -10,7 +10,7 @@ use super::staging::{StagedMission, StoppedMission};
 use super::trial::Trial;
 use crate::board::{Board, ticks};
 use crate::features::WARM;
-use crate::mailbox::{Command, Freed};
+use crate::realtime::mailbox::{Command, Freed};
 use esm_link::message::{LinkError, Mode, Swap};
 use esm_link::trial::{FallBack, FallBackReason};
 
