@@ -38,6 +38,7 @@ pub mod board;
 pub mod body;
 pub mod check;
 pub mod clock;
+mod declaration;
 pub mod drivers;
 mod emergency_stop;
 pub mod features;
