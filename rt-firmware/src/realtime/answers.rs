@@ -6,7 +6,7 @@ use esm_core::{BlobBuffer, Interpreter};
 
 use super::RealTime;
 use super::background_runs::net_of;
-use super::mission::Mission;
+use super::running::Mission;
 use crate::features::PARAMS;
 use crate::realtime::mailbox::{Bytes, Command};
 use crate::task::MAX_DATA_PORTS;

@@ -5,9 +5,8 @@
 //! answered before the new mission runs.
 
 use super::RealTime;
-use super::mission::Origin;
+use super::running::{Origin, Trial};
 use super::staging::{StagedMission, StoppedMission};
-use super::trial::Trial;
 use crate::board::{Board, ticks};
 use crate::features::WARM;
 use crate::realtime::mailbox::{Command, Freed};
