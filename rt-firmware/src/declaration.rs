@@ -253,7 +253,7 @@ pub struct Declaration {
     pub flags: &'static [FlagDeclaration],
     /// Parameters in declaration order.
     pub params: &'static [ParamDeclaration],
-    /// FNV-1a hash of the signature's text, [`Declared::SIGNATURE`].
+    /// FNV-1a hash of the signature's text, [`Declared::SIGNATURE`](crate::Declared::SIGNATURE).
     pub signature_hash: u64,
     /// The task never finishes.
     pub endless: bool,
@@ -298,7 +298,7 @@ fn tell_number(number: u32, tell: &mut dyn FnMut(&[u8])) {
 }
 
 impl Declaration {
-    /// Whether `text` is this task's [signature](Declared::SIGNATURE), to the byte.
+    /// Whether `text` is this task's [signature](crate::Declared::SIGNATURE), to the byte.
     ///
     /// It is put together from the declaration's parts, piece by piece: a second copy of all names
     /// would cost a small robot kilobytes of flash.

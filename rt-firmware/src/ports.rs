@@ -414,8 +414,8 @@ pub trait Declared {
     const SIGNATURE: &'static str;
     /// What the type declares.
     const DECLARATION: Declaration;
-    /// Buffers of the data ports; made of [`Buffered`](crate::ports::Buffered) and
-    /// [`Unbuffered`](crate::ports::Unbuffered) in port order.
+    /// Buffers of the data ports; made of [`Buffered`] and
+    /// [`Unbuffered`] in port order.
     type Outputs: OutputPorts;
 }
 
