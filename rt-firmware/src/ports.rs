@@ -155,8 +155,8 @@ unsafe fn tell<V: PortType>(buffer: Option<NonNull<()>>, show: &mut Show<'_>) ->
     V::FIELDS
 }
 
-/// A buffer whose type is known by its [`ValueKind`] only. The pointer's provenance is that of the whole
-/// [`Buffer`].
+/// A buffer whose type is known by its [`ValueKind`] only. The pointer's provenance is that of the
+/// whole [`Buffer`].
 #[derive(Clone, Copy)]
 struct ErasedBuffer {
     head: NonNull<Head>,

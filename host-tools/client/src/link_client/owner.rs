@@ -282,8 +282,8 @@ impl<L: ByteLink> LinkClient<L> {
             .ok_or(ClientError::Unproven { request: "sign" })
     }
 
-    /// Has a request signed, with the signature of the upload that it is about or [`NO_UPLOAD`](access::NO_UPLOAD),
-    /// and sends it until its answer is there.
+    /// Has a request signed, with the signature of the upload that it is about or
+    /// [`NO_UPLOAD`](access::NO_UPLOAD), and sends it until its answer is there.
     pub(super) fn exchange_signed<T>(
         &mut self,
         name: &'static str,
