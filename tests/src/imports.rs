@@ -2,8 +2,8 @@
 //! the compiler.
 //!
 //! What stands under `#[cfg(test)]` is left out, comments and texts too, and with the comments what
-//! is imported for their links, under `#[cfg(doc)]`. A name that a module only hands on counts as an
-//! import of the file that defines it.
+//! is imported for their links, under `#[cfg(doc)]`. A name that a module only hands on counts as
+//! an import of the file that defines it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};

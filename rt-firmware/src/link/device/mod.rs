@@ -1,8 +1,8 @@
 //! The robot's end of the link: takes frames, answers requests, sends streams where there is room.
 //!
 //! A board's bytes come and go by its `port`. What leaves is `outgoing` until the port has taken
-//! it: answers first, and `streams` where there is room. Requests are carried out by the
-//! `handler`: `request_handler` sees to it that whoever sent one may (`signing`), and in time: some are
+//! it: answers first, and `streams` where there is room. Requests are carried out by the `handler`:
+//! `request_handler` sees to it that whoever sent one may (`signing`), and in time: some are
 //! `answers` of what this side knows, others become the command to the real-time side, which brings
 //! the `reply`. An upload is a transaction, from its `upload` to its `stage`. `stored_mission` is
 //! what the board keeps for the robot, and `stop` and `emergency` the stops that wait for no
