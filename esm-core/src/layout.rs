@@ -9,7 +9,6 @@
 //! for the same borrow, or would decode each record into a second struct first. All fields are
 //! little endian and need no alignment, so a struct has no gaps.
 
-use core::mem::offset_of;
 use core::ops::Range;
 
 use zerocopy::little_endian::{U16, U32, U64};
@@ -406,7 +405,9 @@ impl Field {
 macro_rules! fields {
     ($( $module:ident: $record:ident { $( $name:ident $field:ident, )* } )*) => { $(
         pub(crate) mod $module {
-            use super::{Field, $record, offset_of};
+            use core::mem::offset_of;
+
+            use crate::layout::{Field, $record};
             $( pub(crate) const $name: Field = Field(offset_of!($record, $field)); )*
         }
     )* };

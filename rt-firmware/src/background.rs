@@ -4,8 +4,8 @@ use core::sync::atomic::Ordering;
 
 use heapless::spsc::{Consumer, Producer};
 
+use crate::heartbeats::Heartbeats;
 use crate::ports::BackgroundRun;
-use crate::supervision::Heartbeats;
 use crate::task::Step;
 
 /// Runs background tasks, one at a time, preempted by every slot. A board polls it from its idle

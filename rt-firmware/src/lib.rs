@@ -25,8 +25,11 @@ pub use pastey;
 #[macro_use]
 pub mod log;
 #[macro_use]
+mod planted;
+#[macro_use]
 pub mod show;
 
+mod about;
 pub mod background;
 #[cfg(any(test, feature = "std"))]
 pub mod bench;
@@ -35,10 +38,13 @@ pub mod board;
 pub mod body;
 pub mod check;
 pub mod clock;
+mod declaration;
 pub mod drivers;
+mod emergency_stop;
 pub mod features;
+mod heartbeats;
 pub mod link;
-pub mod mailbox;
+pub mod mission_store;
 pub mod odometry;
 pub mod ports;
 pub mod realtime;
@@ -49,6 +55,7 @@ pub mod ring;
 pub mod rover;
 pub mod runtime;
 pub mod status;
+mod stops;
 pub mod store;
 pub mod supervision;
 pub mod task;
@@ -61,8 +68,8 @@ pub use bench::TaskBench;
 pub use board::{ActivationStart, Board, WithStopButton};
 pub use link::device::{LinkPort, LinkSide};
 pub use link::stop_listener::StopListener;
-pub use mailbox::Mailbox;
 pub use ports::{AnyTaskPool, Executor, Io, Net, Registry, RegistryFault, TaskPool, assemble};
+pub use realtime::mailbox::{self, Mailbox};
 pub use realtime::{Limits, RealTime};
 pub use registry::nets;
 pub use retained_ram::RetainedRam;

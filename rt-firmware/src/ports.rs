@@ -21,9 +21,9 @@
 //!    task's own output and `inout`: a value is changed in place if no background run reads it and
 //!    the same task does not read it through another port; nobody else can be reading it, since
 //!    real-time tasks never preempt each other.
-//! 4. **Types are known.** Each value carries the `Kind` of what is in its buffer. It is compared
-//!    with the port's when a task instance is executed, and the port's with the handle's at each
-//!    access.
+//! 4. **Types are known.** Each value carries the [`ValueKind`] of what is in its buffer, which has
+//!    its type from [`ValueKind::of`] alone. It is compared with the port's when a task instance is
+//!    executed, and the port's with the handle's at each access.
 //! 5. **Bound to one robot.** A [`Binding`] points into the banks that it was made for. It is
 //!    executed by the executor of these alone, which compares.
 
@@ -33,13 +33,14 @@ use core::any::TypeId;
 use core::cell::{Cell, UnsafeCell};
 use core::ptr::NonNull;
 
+pub use crate::declaration::ValueKind;
+use crate::declaration::{
+    Declaration, Direction, In, InFlag, InOut, Kind, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut,
+    Out, OutFlag, Param, ParamType, PortDeclaration, PortType, Step, same_text,
+};
 use crate::features::{MISSIONS, WARM};
 #[cfg(feature = "telemetry")]
 use crate::show::Show;
-use crate::task::{
-    Declaration, Direction, In, InFlag, InOut, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut, Out,
-    OutFlag, Param, ParamType, PortDeclaration, PortType, Step, Task, same_text,
-};
 use esm_link::message::SafeReason;
 
 /// Buffers of one output port.
@@ -127,52 +128,14 @@ struct Buffer<V> {
     value: UnsafeCell<V>,
 }
 
-/// What is known of a type of values.
-struct Kind {
-    type_id: TypeId,
-    /// Shows the value in a buffer, if there is one, and says what values of the type are made of.
-    #[cfg(feature = "telemetry")]
-    tell: unsafe fn(Option<NonNull<Head>>, &mut Show<'_>) -> &'static str,
-}
-
-impl Kind {
-    const fn of<V: PortType>() -> Self {
-        Kind {
-            type_id: TypeId::of::<V>(),
-            #[cfg(feature = "telemetry")]
-            tell: tell::<V>,
-        }
-    }
-}
-
-/// A type of values, as a port declares it.
-#[doc(hidden)]
-#[derive(Clone, Copy)]
-pub struct ValueKind(&'static Kind);
-
 impl ValueKind {
     /// The kind of these values.
     pub const fn of<V: PortType>() -> Self {
-        ValueKind(const { &Kind::of::<V>() })
-    }
-
-    /// Whether both are one type. As a rule a type has one `Kind`; where it has several, the types
-    /// decide.
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn is(self, other: ValueKind) -> bool {
-        core::ptr::eq(self.0, other.0) || self.has_type_of(other)
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn has_type_of(self, other: ValueKind) -> bool {
-        self.0.type_id == other.0.type_id
-    }
-}
-
-impl core::fmt::Debug for ValueKind {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        self.0.type_id.fmt(f)
+        #[cfg(feature = "telemetry")]
+        let kind = const { &Kind::new::<V>(tell::<V>) };
+        #[cfg(not(feature = "telemetry"))]
+        let kind = const { &Kind::new::<V>() };
+        ValueKind::new(kind)
     }
 }
 
@@ -182,7 +145,7 @@ impl core::fmt::Debug for ValueKind {
 /// The buffer is a live one of this type, its pointer has provenance over all of it, and nobody is
 /// writing its value.
 #[cfg(feature = "telemetry")]
-unsafe fn tell<V: PortType>(buffer: Option<NonNull<Head>>, show: &mut Show<'_>) -> &'static str {
+unsafe fn tell<V: PortType>(buffer: Option<NonNull<()>>, show: &mut Show<'_>) -> &'static str {
     if let Some(buffer) = buffer {
         let buffer = buffer.cast::<Buffer<V>>();
         // SAFETY: as the caller promises; the projection stays inside.
@@ -192,8 +155,8 @@ unsafe fn tell<V: PortType>(buffer: Option<NonNull<Head>>, show: &mut Show<'_>) 
     V::FIELDS
 }
 
-/// A buffer whose type is known by its `Kind` only. The pointer's provenance is that of the whole
-/// [`Buffer`].
+/// A buffer whose type is known by its [`ValueKind`] only. The pointer's provenance is that of the
+/// whole [`Buffer`].
 #[derive(Clone, Copy)]
 struct ErasedBuffer {
     head: NonNull<Head>,
@@ -426,6 +389,41 @@ impl<P: PortSlot, R: OutputPorts> OutputPorts for (P, R) {
     }
 }
 
+/// A type of task: what runs when a task state of a mission is executed.
+///
+/// One value of the type serves one task state at a time; the robot's registry says how many there
+/// are.
+pub trait Task: Declared + Send {
+    /// A mission starts: forget everything that an earlier mission left behind.
+    fn reset(&mut self) {}
+
+    /// The task state was entered anew; called before the first [`step`](Task::step) of each
+    /// activation.
+    fn enter(&mut self) {}
+
+    /// Executes the task once. For a real-time task this is called once in each activation of its
+    /// slot and must end within the slot's duration; for a task in slot 0 it is called again and
+    /// again, preempted by every slot, until it returns [`Step::Finished`].
+    fn step(&mut self, io: &mut Io<'_>) -> Step;
+}
+
+/// A type with a declaration; implemented by [`task!`](crate::task!).
+pub trait Declared {
+    /// Canonical text of the signature, which blobs are compiled against. A robot does not keep it:
+    /// see [`Declaration::has_signature`].
+    const SIGNATURE: &'static str;
+    /// What the type declares.
+    const DECLARATION: Declaration;
+    /// Buffers of the data ports; made of [`Buffered`] and
+    /// [`Unbuffered`] in port order.
+    type Outputs: OutputPorts;
+}
+
+/// The declaration of a task type.
+pub const fn declaration_of<T: Declared>() -> &'static Declaration {
+    const { &T::DECLARATION }
+}
+
 /// One task with the buffers of its output ports.
 struct Place<T: Task> {
     task: UnsafeCell<T>,
@@ -513,7 +511,7 @@ unsafe fn step_in<T: Task>(place: NonNull<()>, enter: bool, io: &mut Io<'_>) -> 
 impl<T: Task, const N: usize> sealed::Sealed for TaskPool<T, N> {}
 impl<T: Task, const N: usize> AnyTaskPool for TaskPool<T, N> {
     fn declaration(&self) -> &'static Declaration {
-        crate::task::declaration_of::<T>()
+        declaration_of::<T>()
     }
 
     fn capacity(&self) -> usize {
@@ -1647,7 +1645,7 @@ impl<'m> Executor<'m> {
         // SAFETY: the type is the one that the buffer was made for (invariant 4), and a published
         // value is not written except while a task is executed, which borrows the executor mutably
         // (invariant 3).
-        unsafe { (value.kind.0.tell)(Some(value.head), show) };
+        unsafe { value.kind.tell()(Some(value.head.cast()), show) };
         true
     }
 
@@ -1660,7 +1658,7 @@ impl<'m> Executor<'m> {
             .output(0, port)?
             .buffer(0)?;
         // SAFETY: it is given no buffer to look into.
-        Some(unsafe { (buffer.kind.0.tell)(None, &mut Show::new(&[])) })
+        Some(unsafe { buffer.kind.tell()(None, &mut Show::new(&[])) })
     }
 
     /// What the values are made of that tasks of a bank write on a port: this firmware does not

@@ -47,25 +47,26 @@
 use core::mem::MaybeUninit;
 use core::sync::atomic::AtomicBool;
 
+pub use crate::about::{About, MAX_NAME_BYTES};
 use crate::background::Background;
 use crate::features::MISSIONS;
+use crate::heartbeats::Heartbeats;
 use crate::link::device::{LinkSide, RequestHandler};
-use crate::link::stops::Place;
-use crate::mailbox::{Command, Mailbox};
 use crate::ports::{AnyTaskPool, BackgroundRun, Net, RegistryFault, assemble};
+use crate::realtime::mailbox::{Command, Mailbox};
 use crate::realtime::slots::SlotEntry;
-use crate::realtime::staging::{Lists, MissionMemories, MissionMemory};
-use crate::realtime::tasks::{Group, NO_GROUP, NONE, TaskEntry, TaskTable};
+use crate::realtime::staging::{MissionMemories, MissionMemory};
+use crate::realtime::tasks::{Group, Lists, NO_GROUP, NONE, TaskEntry, TaskTable};
 use crate::realtime::trace::Trace;
 use crate::realtime::{Limits, Parts, RealTime};
 use crate::recorder::RecorderMemory;
 use crate::retained_ram::RetainedRam;
 use crate::ring::Ring;
 use crate::status::Snapshot;
-use crate::supervision::Heartbeats;
+use crate::stops::Place;
 use crate::telemetry::TelemetryMemory;
 use esm_core::{BlobBuffer, Dispatcher};
-use esm_link::message::{Capacities, ResetReason};
+use esm_link::message::Capacities;
 
 /// Entries of the table of what two missions have in common, for each word of the interpreter's. It
 /// is never too short for their region instances.
@@ -151,42 +152,6 @@ impl<
 {
     fn default() -> Self {
         Self::new()
-    }
-}
-
-/// The longest name in an [`About`], so that the answer fits into a frame.
-pub const MAX_NAME_BYTES: usize = 40;
-
-/// What a robot says of itself.
-#[derive(Clone, Copy)]
-pub struct About<'m> {
-    /// Name and version of the firmware; at most [`MAX_NAME_BYTES`].
-    pub firmware: &'m str,
-    /// Name of the board; at most [`MAX_NAME_BYTES`].
-    pub board: &'m str,
-    /// Why the robot started.
-    pub reset: ResetReason,
-    /// What is kept across a reset, if the board keeps anything.
-    pub kept: Option<&'m RetainedRam>,
-}
-
-impl<'m> About<'m> {
-    /// A robot that started because the power came on.
-    ///
-    /// # Panics
-    /// A name is longer than [`MAX_NAME_BYTES`]: at start-up, or while compiling where this is a
-    /// constant.
-    pub const fn new(firmware: &'m str, board: &'m str) -> Self {
-        assert!(
-            firmware.len() <= MAX_NAME_BYTES && board.len() <= MAX_NAME_BYTES,
-            "the name of a firmware or board is too long to be told"
-        );
-        About {
-            firmware,
-            board,
-            reset: ResetReason::PowerOn,
-            kept: None,
-        }
     }
 }
 

@@ -27,7 +27,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 #[macro_export]
 macro_rules! fields {
     ($($name:ident : $type:tt),+ $(,)?) => {
-        const FIELDS: &'static str = concat!($(stringify!($name), ":", $crate::__field_type!($type), "\n"),+);
+        const FIELDS: &'static str = concat!($(stringify!($name), ":", $crate::show::__field_type!($type), "\n"),+);
 
         fn show(&self, show: &mut $crate::Show<'_>) {
             $(
@@ -49,6 +49,9 @@ macro_rules! __field_type {
         stringify!($item)
     };
 }
+
+#[doc(hidden)]
+pub use __field_type;
 
 /// Whoever looks at a value: takes the bits of its fields, one behind the other.
 pub struct Show<'s> {

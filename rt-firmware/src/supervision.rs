@@ -7,15 +7,12 @@
 //! was is kept. A task of a real-time slot that never returns needs no watching: nothing is fed
 //! meanwhile.
 
-use core::sync::atomic::{
-    AtomicBool, AtomicU32,
-    Ordering::{Acquire, Relaxed, Release},
-};
+use core::sync::atomic::Ordering::Relaxed;
 
 use esm_link::message::Silent;
 
 use crate::board::microseconds;
-use crate::link::stops::Stops;
+use crate::heartbeats::Heartbeats;
 
 /// What a window has beyond twice the longest period, in µs: interrupts that were masked for long
 /// make slots late, and are no reason to reset.
@@ -24,75 +21,6 @@ pub const MIN_WINDOW_US: u32 = 1_000_000;
 pub const LINK_BOUND_US: u32 = 5_000_000;
 /// How long a step of a background task may take, the time that slots take from it included, in µs.
 pub const BACKGROUND_BOUND_US: u32 = 10_000_000;
-
-/// What sides that are not the real-time side show of themselves.
-pub(crate) struct Heartbeats {
-    /// The link had its turn.
-    pub(crate) link: AtomicBool,
-    /// The idle loop went round.
-    pub(crate) background: AtomicBool,
-    /// Requests that arrived whole; wraps.
-    pub(crate) requests: AtomicU32,
-    /// How long slots have run, in microseconds; wraps. What came after that was settled is
-    /// counted in ticks. Both are the real-time side's; others ask [`slots_us`](Self::slots_us).
-    slots_us: AtomicU32,
-    pub(crate) slots_ticks: AtomicU32,
-    ticks_per_us: AtomicU32,
-    /// How long the link has worked, in microseconds, the time that slots took from it not
-    /// included; wraps. The link's.
-    pub(crate) link_us: AtomicU32,
-    /// Wishes that the robot stops.
-    pub(crate) stops: Stops,
-    /// An emergency stop is latched. Set by whoever wants one, cleared by the real-time side alone,
-    /// which looks before each exchange with the body.
-    pub(crate) emergency_stop: AtomicBool,
-    /// The button that latches one is pressed; looked at while one is latched.
-    pub(crate) stop_pressed: AtomicBool,
-    /// The link prepares a mission, or has asked for one to take over.
-    pub(crate) mission_is_coming: AtomicBool,
-}
-
-impl Heartbeats {
-    pub(crate) const fn new() -> Self {
-        Heartbeats {
-            link: AtomicBool::new(false),
-            background: AtomicBool::new(false),
-            requests: AtomicU32::new(0),
-            slots_us: AtomicU32::new(0),
-            slots_ticks: AtomicU32::new(0),
-            ticks_per_us: AtomicU32::new(0),
-            link_us: AtomicU32::new(0),
-            stops: Stops::new(),
-            emergency_stop: AtomicBool::new(false),
-            stop_pressed: AtomicBool::new(false),
-            mission_is_coming: AtomicBool::new(false),
-        }
-    }
-
-    /// How long slots have run, in microseconds; wraps.
-    pub(crate) fn slots_us(&self) -> u32 {
-        loop {
-            let settled_us = self.slots_us.load(Acquire);
-            let ticks = self.slots_ticks.load(Acquire);
-            // Settled meanwhile: the ticks may be in what was read first, or not. The next attempt
-            // meets nothing of the kind, since slots are further apart than this takes.
-            if self.slots_us.load(Relaxed) == settled_us {
-                return settled_us.wrapping_add(ticks / self.ticks_per_us.load(Relaxed).max(1));
-            }
-        }
-    }
-
-    /// Moves the ticks that were counted of slots to their microseconds. For the real-time side.
-    pub(crate) fn settle_slots(&self, ticks_per_us: u32) {
-        let ticks = self.slots_ticks.load(Relaxed);
-        let us = ticks.checked_div(ticks_per_us).unwrap_or(0);
-        self.ticks_per_us.store(ticks_per_us, Relaxed);
-        self.slots_us
-            .store(self.slots_us.load(Relaxed).wrapping_add(us), Relaxed);
-        self.slots_ticks
-            .store(ticks.wrapping_sub(us * ticks_per_us), Release);
-    }
-}
 
 /// Decides whether the watchdog is fed. Times are of any clock that never goes back.
 pub(crate) struct Supervision {
@@ -210,23 +138,6 @@ impl Supervision {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn time_of_slots_is_told_whole_before_and_after_it_is_settled() {
-        let heartbeats = Heartbeats::new();
-        heartbeats.settle_slots(50);
-        let mut ticks: u32 = 0;
-        for took in [49, 1, 120, 49, 1_000_000] {
-            ticks += took;
-            heartbeats
-                .slots_ticks
-                .store(heartbeats.slots_ticks.load(Relaxed) + took, Relaxed);
-            assert_eq!(heartbeats.slots_us(), ticks / 50);
-            heartbeats.settle_slots(50);
-            assert_eq!(heartbeats.slots_us(), ticks / 50);
-            assert!(heartbeats.slots_ticks.load(Relaxed) < 50);
-        }
-    }
 
     const TICKS_PER_US: u32 = 3;
     const PERIODS_US: [u32; 3] = [10_000, 40_000, 400_000];

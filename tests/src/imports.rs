@@ -1,8 +1,9 @@
 //! Which files of a package import which: read from `use` lines and from paths in the code, without
 //! the compiler.
 //!
-//! What stands under `#[cfg(test)]` is left out, comments and texts too. A name that a module only
-//! hands on counts as an import of the file that defines it.
+//! What stands under `#[cfg(test)]` is left out, comments and texts too, and with the comments what
+//! is imported for their links, under `#[cfg(doc)]`. A name that a module only hands on counts as
+//! an import of the file that defines it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -90,7 +91,7 @@ impl Package {
             }
         }
         own += rest;
-        let own = without_test_items(&own);
+        let own = without_left_out_items(&own);
         let known = Known {
             file: file.display().to_string(),
             uses: use_trees(&own),
@@ -244,15 +245,19 @@ fn block(code: &str) -> (&str, &str) {
     (code, "")
 }
 
-/// The code without items that are for tests alone.
-fn without_test_items(code: &str) -> String {
-    let mut rest = code;
-    let mut kept = String::new();
-    while let Some((before, behind)) = rest.split_once("#[cfg(test)]") {
-        kept += before;
-        rest = block(behind).1;
+/// The code without items that are for tests alone, or for the documentation.
+fn without_left_out_items(code: &str) -> String {
+    let mut code = code.to_owned();
+    for left_out in ["#[cfg(test)]", "#[cfg(doc)]"] {
+        let mut rest = code.as_str();
+        let mut kept = String::new();
+        while let Some((before, behind)) = rest.split_once(left_out) {
+            kept += before;
+            rest = block(behind).1;
+        }
+        code = kept + rest;
     }
-    kept + rest
+    code
 }
 
 /// A text without comments and without what stands in quotes.

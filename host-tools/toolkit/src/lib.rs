@@ -21,6 +21,7 @@ pub mod clean;
 pub mod compile;
 pub mod counters;
 pub mod diagram;
+pub mod duration;
 pub mod fit;
 pub mod inspect;
 pub mod lang;

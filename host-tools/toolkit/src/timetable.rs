@@ -19,7 +19,7 @@
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
-use crate::pictures::axis;
+use crate::duration;
 use crate::schedule::{Report, gcd};
 
 /// As many activations are looked at to find the busiest window, about: the schedule behind them is
@@ -178,21 +178,23 @@ impl Timetable {
     pub fn describe(&self, window: &Window) -> String {
         let whole = self.hyperperiod_us.map_or_else(
             || "a hyperperiod of more than 64 bits".to_owned(),
-            |us| format!("a hyperperiod of {}", axis::time(us)),
+            |us| format!("a hyperperiod of {}", duration::time(us)),
         );
         let busiest = |of: String| {
             format!(
                 "the busiest {} of {of}, from {} on, of those that begin at a multiple of {}",
-                axis::time(window.length_us),
-                axis::time(window.start_us),
-                axis::time(self.frame_us)
+                duration::time(window.length_us),
+                duration::time(window.start_us),
+                duration::time(self.frame_us)
             )
         };
         match window.extent {
-            Extent::Hyperperiod => format!("one hyperperiod of {}", axis::time(window.length_us)),
+            Extent::Hyperperiod => {
+                format!("one hyperperiod of {}", duration::time(window.length_us))
+            }
             Extent::BusiestOfHyperperiod => busiest(whole),
             Extent::BusiestOfFirst(us) => {
-                busiest(format!("the first {} of {whole}", axis::time(us)))
+                busiest(format!("the first {} of {whole}", duration::time(us)))
             }
         }
     }

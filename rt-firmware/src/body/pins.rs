@@ -11,6 +11,7 @@ use core::sync::atomic::{AtomicBool, AtomicU16, Ordering::Relaxed};
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 
+pub use crate::drivers::LINE_SENSORS;
 use crate::drivers::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
 
 /// Number of sonars in the ring.
@@ -22,9 +23,6 @@ pub const ANALOG_CHANNELS: usize = 7;
 
 /// The analogue input that measures the battery.
 pub const BATTERY_CHANNEL: usize = 0;
-
-/// Number of reflectance sensors that look at the floor.
-pub const LINE_SENSORS: usize = 3;
 
 /// The first of the analogue inputs that measure the floor's reflectance: left, middle, right.
 pub const LINE_CHANNEL: usize = 4;

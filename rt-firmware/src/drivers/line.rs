@@ -2,7 +2,9 @@
 //! voltage.
 
 use super::AnalogIn;
-use crate::body::LINE_SENSORS;
+
+/// Number of reflectance sensors that look at the floor.
+pub const LINE_SENSORS: usize = 3;
 
 /// Darkness of a line, in thousandths: what a whole line under a sensor reads.
 const DARK: u16 = 1_000;

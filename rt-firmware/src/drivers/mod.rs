@@ -15,7 +15,7 @@ mod stop_button;
 pub use battery::BatteryGauge;
 pub use encoder::WheelEncoder;
 pub use hal::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
-pub use line::LineArray;
+pub use line::{LINE_SENSORS, LineArray};
 pub use motor::{DcMotor, MotorError};
 pub use sonar::{Answer, LONGEST_ECHO_US, Sonar};
 pub use stop_button::{STOP_DEBOUNCE_US, StopButton};

@@ -13,8 +13,8 @@
 #[cfg(doc)]
 use esm_link::message::Request;
 
+use crate::heartbeats::Heartbeats;
 use crate::retained_ram::RetainedRam;
-use crate::supervision::Heartbeats;
 use esm_link::frame::{CRC_BYTES, DELIMITER, checksum};
 
 /// Numbers of the requests that it knows.

@@ -14,7 +14,7 @@ use core::sync::atomic::Ordering;
 use esm_core::dispatcher::Near;
 use esm_core::{Fault, dispatcher};
 
-use super::mission::Origin;
+use super::running::{Activation, Next, Origin};
 use super::slots::SlotEntry;
 use super::tasks::NONE;
 use super::trace::StepObserver;
@@ -30,50 +30,6 @@ const LOOK_US: u32 = 100_000;
 /// is looked at meanwhile.
 const NEAR_US: u32 = 2 * IDLE_POLL_US;
 
-/// The next activation, where it was looked up after the one before. It never is one of the
-/// interpreter's, which begins with a macro step.
-///
-/// All that the timer's entry needs of a mission is bound here when the whole clock is looked at.
-/// From one activation to the next only 32-bit numbers change. What has 64 bits is worked out from
-/// them by [`settle`](RealTime::settle).
-#[derive(Clone, Copy)]
-pub(super) struct Next {
-    /// Nominal start on the board's clock, low half.
-    start_ticks: u32,
-    /// For how long from then it is on time; 0 where nothing is looked up.
-    window_ticks: u32,
-    duration_us: u32,
-    /// From the start of the activation before to this one's, and how long that one lasts; where
-    /// [`ended`](Self::ended) is not 0.
-    wait_us: u32,
-    before_us: u32,
-    /// Activations that have ended since this was settled.
-    ended: u32,
-    /// The base of the dispatcher's queue on the board's clock, low half.
-    base_ticks: u32,
-    /// Starts from here on, counted from that base, wait for a look at the whole clock.
-    look_us: u32,
-    /// The slot that runs the interpreter.
-    interpreter_slot: usize,
-    /// The slot's first enabled task instance, or [`NONE`].
-    instance: u16,
-}
-
-impl Next {
-    pub(super) const NOTHING: Next = Next {
-        start_ticks: 0,
-        window_ticks: 0,
-        duration_us: 0,
-        wait_us: 0,
-        before_us: 0,
-        ended: 0,
-        base_ticks: 0,
-        look_us: 0,
-        interpreter_slot: 0,
-        instance: NONE,
-    };
-}
-
 /// For how long an activation is on time, where this is the shortest period of all slots. What
 /// begins later than that may have been missed.
 #[cfg_attr(feature = "speed", inline(always))]
@@ -82,16 +38,6 @@ fn mission_window<B: Board>(shortest_period_us: u32) -> u32 {
     /// one that is late.
     const LONGEST_WINDOW_US: u32 = i32::MAX as u32 / u16::MAX as u32;
     shortest_period_us.min(LONGEST_WINDOW_US) * B::TICKS_PER_US
-}
-
-/// An activation that is being executed.
-#[derive(Clone, Copy)]
-pub(super) struct Activation {
-    pub(super) slot: usize,
-    /// Nominal start since the origin.
-    pub(super) start_us: u64,
-    pub(super) number: u64,
-    pub(super) interpreter: bool,
 }
 
 impl RealTime<'_, '_> {

@@ -6,9 +6,9 @@ use esm_core::{BlobBuffer, Interpreter};
 
 use super::RealTime;
 use super::background_runs::net_of;
-use super::mission::Mission;
+use super::running::Mission;
 use crate::features::PARAMS;
-use crate::mailbox::{Bytes, Command};
+use crate::realtime::mailbox::{Bytes, Command};
 use crate::task::MAX_DATA_PORTS;
 use esm_link::message::{LinkError, TaskCounters};
 use esm_link::telemetry::Ask;

@@ -7,8 +7,8 @@
 use esm_core::tables::Tables;
 
 use super::RealTime;
-use super::activation::Activation;
 use super::execution::{apply_flags, find_params};
+use super::running::Activation;
 use super::tasks::TaskTable;
 use crate::ports::ReturnedRun;
 use esm_link::message::Mode;

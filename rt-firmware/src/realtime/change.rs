@@ -5,12 +5,11 @@
 //! answered before the new mission runs.
 
 use super::RealTime;
-use super::mission::Origin;
+use super::running::{Origin, Trial};
 use super::staging::{StagedMission, StoppedMission};
-use super::trial::Trial;
 use crate::board::{Board, ticks};
 use crate::features::WARM;
-use crate::mailbox::{Command, Freed};
+use crate::realtime::mailbox::{Command, Freed};
 use esm_link::message::{LinkError, Mode, Swap};
 use esm_link::trial::{FallBack, FallBackReason};
 

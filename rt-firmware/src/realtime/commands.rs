@@ -11,7 +11,7 @@ use super::safe_state::is_stop_pressed;
 use super::{RealTime, params};
 use crate::board::{Board, ticks};
 use crate::features::{PARAMS, TELEMETRY, WARM};
-use crate::mailbox::{Command, Posted};
+use crate::realtime::mailbox::{Command, Posted};
 use esm_link::message::{LinkError, Mode};
 
 impl<'m> RealTime<'_, 'm> {

@@ -4,30 +4,12 @@
 use core::sync::atomic::Ordering::Relaxed;
 
 use super::RealTime;
-use super::activation::Activation;
+use super::running::Activation;
 use super::slots::nanoseconds;
 use crate::board::Board;
 use esm_link::black_box::Event;
 use esm_link::message::{Mode, SafeReason};
 use esm_link::trace::TraceEvent;
-
-/// How much may go wrong before the robot goes to its safe state.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Limits {
-    /// Activations of one slot, one after another, that take longer than its duration.
-    pub overruns_in_a_row: u16,
-    /// Activations of one slot, one after another, that do not start within their period.
-    pub missed_in_a_row: u32,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Limits {
-            overruns_in_a_row: 10,
-            missed_in_a_row: 10,
-        }
-    }
-}
 
 impl RealTime<'_, '_> {
     /// Counts how late an activation began. One that was no later than another of its slot need

@@ -6,9 +6,9 @@
 
 use core::sync::atomic::Ordering;
 
-use super::activation::Activation;
 use super::change::lead_ticks;
-use super::mission::Origin;
+use super::running::Activation;
+use super::running::Origin;
 use super::{IDLE_POLL_US, RealTime};
 use crate::board::{Board, microseconds, ticks};
 use crate::features::{PARAMS, WARM};

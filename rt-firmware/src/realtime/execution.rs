@@ -5,8 +5,8 @@ use esm_core::tables::TaskPlaces;
 use esm_core::{BlobBuffer, Interpreter};
 
 use super::RealTime;
-use super::mission::Mission;
 use super::params::LiveParams;
+use super::running::Mission;
 use super::tasks::{NO_GROUP, NONE, TaskActivity, TaskTable};
 use crate::board::Board;
 use crate::ports::{FlagChanges, Inputs, StepOutput};

@@ -3,81 +3,17 @@
 //!
 //! *Invariant:* a mission that starts was checked, so that there is room for all that it has.
 
-use esm_core::tables::Tables;
-use esm_core::{BlobBuffer, Interpreter, StateMapping};
+use esm_core::StateMapping;
 
-use super::activation::Activation;
 use super::params::LiveParams;
-use super::staging::{Lists, MissionMemory, Prepared, StoppedMission};
-use super::{RealTime, params, tasks};
+use super::running::{Mission, Origin, interpreter_period_us};
+use super::staging::{MissionMemory, Prepared, StoppedMission};
+use super::tasks::{self, Lists};
+use super::{RealTime, params};
 use crate::features::WARM;
 use esm_link::black_box::Event;
 use esm_link::message::Mode;
 use esm_link::trace::TraceEvent;
-
-/// The mission that runs.
-pub(super) struct Mission<'m> {
-    pub(super) interpreter: Interpreter<'m, BlobBuffer<'m>>,
-    /// What the starts of its slots are counted from.
-    pub(super) origin: Origin,
-    /// Its first macro step, which its own time is counted from, since the origin.
-    began_us: u64,
-    /// What the time of its tasks was then: 0, or what it was in the mission that it took over
-    /// from.
-    tasks_us: u64,
-    /// Activations of all slots so far.
-    pub(super) activations: u64,
-    /// Number of the next macro step.
-    pub(super) next_step: u64,
-    /// Nominal start of the last macro step, on the robot's clock; of the first one, before that.
-    pub(super) step_us: u64,
-    /// The slot that runs the interpreter.
-    pub(super) interpreter_slot: usize,
-}
-
-impl Mission<'_> {
-    /// The time of the mission's tasks at a nominal start since the origin.
-    pub(super) fn t_us(&self, start_us: u64) -> u64 {
-        self.tasks_us + start_us.saturating_sub(self.began_us)
-    }
-
-    /// The time on the robot's clock at a nominal start since the origin.
-    pub(super) fn robot_us(&self, start_us: u64) -> u64 {
-        self.origin.us + start_us
-    }
-
-    /// The macro step, on the robot's clock, that notes the end of a background run that is taken
-    /// back in this activation: its own, or else the next one.
-    pub(super) fn noting_step_us(&self, activation: &Activation) -> u64 {
-        let robot_us = self.robot_us(activation.start_us);
-        if activation.interpreter {
-            return robot_us;
-        }
-        let period_us = interpreter_period_us(&self.interpreter.tables());
-        let since_us = u32::try_from(robot_us.saturating_sub(self.step_us)).unwrap_or(u32::MAX);
-        let steps = u64::from(since_us.checked_div(period_us).unwrap_or(0)) + 1;
-        self.step_us + steps * u64::from(period_us)
-    }
-
-    /// Its origin, and the interpreter's period: what the slots of another mission go on with.
-    fn running(&self) -> (Origin, u32) {
-        (
-            self.origin,
-            interpreter_period_us(&self.interpreter.tables()),
-        )
-    }
-}
-
-/// What the starts of slots are counted from: the first macro step of a mission that started from
-/// standing still. It stays where it is as long as missions follow one another whose interpreter
-/// slots have one period.
-#[derive(Clone, Copy)]
-pub(super) struct Origin {
-    /// On the board's clock.
-    pub(super) ticks: u64,
-    /// Since the first macro step of the first mission.
-    pub(super) us: u64,
-}
 
 impl<'m> RealTime<'_, 'm> {
     /// Starts a mission whose first macro step is `at` this time. `running` is what was in its
@@ -214,11 +150,4 @@ impl<'m> RealTime<'_, 'm> {
         let spare = self.own.keep(MissionMemory { arena, lists });
         StoppedMission { mission, spare }
     }
-}
-
-/// Period of the interpreter's slot in microseconds.
-fn interpreter_period_us(tables: &Tables<'_>) -> u32 {
-    tables
-        .slot(tables.interpreter_slot())
-        .map_or(0, |slot| slot.period_us)
 }

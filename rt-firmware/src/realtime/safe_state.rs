@@ -9,7 +9,7 @@ use core::sync::atomic::Ordering;
 use super::RealTime;
 use super::trial::is_the_missions_fault;
 use crate::board::Board;
-use crate::mailbox::Command;
+use crate::realtime::mailbox::Command;
 use esm_link::black_box::Event;
 use esm_link::message::{LinkError, Mode, SafeReason};
 use esm_link::trace::{EMERGENCY, TraceEvent};

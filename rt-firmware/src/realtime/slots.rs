@@ -1,8 +1,10 @@
 //! What is counted of each slot.
 
-use super::tasks::NONE;
 use crate::board::microseconds;
 use esm_link::message::{DELAY_BUCKETS, SlotCounters};
+
+/// Stands for no task instance.
+pub(crate) const NONE: u16 = u16::MAX;
 
 /// Bits of the ticks that the first bucket of start delays counts: those shorter than 16 ticks.
 const FIRST_BUCKET_BITS: u32 = 4;

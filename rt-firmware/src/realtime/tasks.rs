@@ -3,12 +3,10 @@
 
 use esm_core::tables::{Tables, TaskPlaces};
 
+pub(crate) use super::slots::NONE;
 use super::slots::SlotEntry;
-use super::staging::Lists;
 use crate::ports::{Binding, Registry, TaskPlace};
 
-/// Stands for no task instance.
-pub(crate) const NONE: u16 = u16::MAX;
 /// Stands for no bank of the registry.
 const NO_BANK: u8 = u8::MAX;
 /// Stands for no place of a bank, which has fewer.
@@ -99,6 +97,14 @@ impl Group {
     /// The place of a group before any mission, which makes it [`FREE`](Self::FREE). All zeros, so
     /// that a static of it takes no flash.
     pub(crate) const UNUSED: Group = Group { holder: 0 };
+}
+
+/// What is kept for the tasks and slots of a mission.
+#[derive(Default)]
+pub(crate) struct Lists<'m> {
+    pub(crate) tasks: &'m mut [TaskEntry],
+    pub(crate) slots: &'m mut [SlotEntry],
+    pub(crate) first_in_slot_0: Option<u16>,
 }
 
 /// The task instances of a mission.

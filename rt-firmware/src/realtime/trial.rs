@@ -2,37 +2,11 @@
 //! for it, the robot goes back to the mission before, which is whole as long as the trial lasts.
 
 use super::RealTime;
-use super::mission::Origin;
+use super::running::{Origin, Trial};
 use super::staging::StoppedMission;
 use esm_link::message::{Mode, SafeReason};
 use esm_link::trace::TraceEvent;
 use esm_link::trial::{FallBack, FallBackReason};
-
-/// What is known of the mission that runs while it is on trial.
-pub(super) struct Trial<'m> {
-    /// The mission before, to fall back to.
-    pub(super) before: Option<StoppedMission<'m>>,
-    /// Why the robot was in its safe state then, if it was.
-    pub(super) safe: Option<SafeReason>,
-    /// When it ends, in microseconds since the first macro step of the first mission.
-    pub(super) until_us: u64,
-    /// Why it has failed: the robot falls back at the interpreter's next activation.
-    pub(super) failed: Option<SafeReason>,
-}
-
-impl Trial<'_> {
-    /// Why the robot falls back now, if it does.
-    pub(super) fn end_at(&self, now_us: u64) -> Option<FallBackReason> {
-        match self.failed {
-            Some(reason) => Some(FallBackReason::Failed(reason)),
-            None => (now_us >= self.until_us).then_some(FallBackReason::NotConfirmed),
-        }
-    }
-
-    pub(super) fn is_over(&self, now_us: u64) -> bool {
-        self.end_at(now_us).is_some()
-    }
-}
 
 impl<'m> RealTime<'_, 'm> {
     /// Whether the mission of this hash is on trial, and has not failed.

@@ -7,7 +7,7 @@ use super::kept_flash::{BLOB_BYTES, ERASE, blank, with_store};
 use super::key_values::{Found, Key, PutError};
 use super::layout::HEADER_BYTES;
 use super::nor::Rewrite;
-use crate::link::trial::MissionStore;
+use crate::mission_store::MissionStore;
 use crate::realtime::params::SavedParams;
 use esm_link::key_store::{KeyStore, NotStored, STORED_KEY_BYTES, StoredKey};
 use esm_link::message::{KeyValuesState, LinkError, WayIn};

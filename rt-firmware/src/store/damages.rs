@@ -27,7 +27,7 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNo
 use super::flash_store::{FlashStore, RECORD_BYTES, bank_bytes, flash_bytes};
 use super::journal::COPY_BYTES;
 use super::layout::{BLANK, BLOCK_BYTES, HEADER_BYTES, HEADER_WRITTEN, NOTE, SEALED, TRIED};
-use crate::link::trial::MissionStore;
+use crate::mission_store::MissionStore;
 use crate::realtime::params::SavedParams;
 use esm_link::key_store::{KeyStore, STORED_KEY_BYTES, StoredKey};
 use esm_link::message::{KeyValuesState, WayIn};

@@ -9,7 +9,7 @@ use super::kept_flash::{
     BLOB_BYTES, ERASE, Flash, WRITE, blank, with_keep_over_resets, with_store,
 };
 use super::nor::{Chip, Rewrite};
-use crate::link::trial::MissionStore;
+use crate::mission_store::MissionStore;
 use crate::realtime::params::SavedParams;
 use crate::retained_ram::RetainedRam;
 use esm_link::key_store::{KeyStore, STORED_KEY_BYTES, StoredKey, WriteError};

@@ -8,7 +8,8 @@ use super::{
     AppendError, BeginError, Choice, FinishError, FlashBank, HEADER_BYTES, Layout, LayoutError,
     Store, TrialError, journal,
 };
-use crate::link::trial::MissionStore;
+use crate::mission_store::MissionStore;
+pub use crate::mission_store::Start;
 use crate::realtime::params::SavedParams;
 use crate::retained_ram::RetainedRam;
 use esm_link::key_store::{KeyStore, NotStored, StoredKey, WriteError};
@@ -41,20 +42,6 @@ impl From<FlashBank> for Source {
             FlashBank::B => Source::B,
         }
     }
-}
-
-/// What to start with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Start {
-    /// The mission of this length that is in the room now.
-    Mission {
-        /// Its length in bytes.
-        len: usize,
-        /// It was never confirmed: if it is not now, the other one is to run.
-        on_trial: bool,
-    },
-    /// Nothing: the flash has no mission that may run, and the firmware has none.
-    Nothing,
 }
 
 /// Why a mission could not be kept.

@@ -7,7 +7,7 @@ use std::vec::Vec;
 
 use super::kept_flash::{blank, with_store};
 use super::nor::{Cut, Kind, Rewrite, Tear};
-use crate::link::trial::MissionStore;
+use crate::mission_store::MissionStore;
 use crate::realtime::params::SavedParams;
 use esm_link::message::LinkError;
 

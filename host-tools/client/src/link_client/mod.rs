@@ -26,6 +26,7 @@ pub mod log_lines;
 mod loss;
 #[cfg(test)]
 mod mutants;
+mod owner;
 mod session;
 mod signing;
 mod streams;

@@ -6,8 +6,8 @@
 use std::io;
 use std::time::{Duration, Instant};
 
+use super::byte_link::{ByteLink, WRITE_TIMEOUT};
 use super::clock::Clock;
-use super::{ByteLink, WRITE_TIMEOUT};
 use crate::interrupt;
 
 /// Bits on the wire for one byte: start, eight of data, stop.

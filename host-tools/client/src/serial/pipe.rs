@@ -5,7 +5,7 @@ use std::io;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use super::{ByteLink, WRITE_TIMEOUT};
+use super::byte_link::{ByteLink, WRITE_TIMEOUT};
 
 /// Bytes that one direction holds before the writer waits for the reader.
 const CAPACITY_BYTES: usize = 64 * 1024;

@@ -6,19 +6,19 @@
 use std::collections::HashMap;
 use std::rc::Rc;
 
-use super::Options;
-use super::face::{self, DETAIL_ROWS, Face, Kind, Loop, PORT_NAME_GAP, PORT_ROWS, Port, Side};
+use super::face::{
+    self, Face, Kind, LOOP_REACH, Loop, PORT_NAME_GAP, PORT_ROWS, Port, Side, heading_rows,
+};
 use super::grid::{self, Area, LANE, Spot};
 use super::label::{self, Line};
 use super::layered::{self, Edge, Node, Placement, Spacing, TooTangled};
+use super::options::Options;
 use super::pack;
 use super::wires::{self, Board, Heading, NoWay, Terminal, Wiring};
 use crate::model::{
     Container, Model, PathEnd, Region, Source, StateKind, Target, Transition, Trigger,
 };
 
-/// Rows of a heading without declarations.
-const HEADING_ROWS: i32 = 4;
 /// Rows of a region's name.
 const REGION_NAME_ROWS: i32 = 4;
 /// Cells around the contents of a region.
@@ -28,15 +28,8 @@ const NETS_MARGIN: i32 = 4;
 /// How often a container is laid out with more room, when its data paths find no way, before its
 /// ports carry numbers instead.
 const WIDENINGS: i32 = 3;
-/// Cells that a loop reaches out to the right of its state.
-const LOOP_REACH: i32 = 3;
 /// Cells between the names of the ports on the left and on the right.
 const BETWEEN_PORT_NAMES: i32 = 6;
-
-/// Rows of a heading that holds so many lines of declarations below the name.
-pub const fn heading_rows(declarations: usize) -> i32 {
-    HEADING_ROWS + DETAIL_ROWS * declarations as i32
-}
 
 /// A container, laid out; the upper left corner is the origin.
 #[derive(Clone, Debug)]
@@ -75,6 +68,8 @@ pub struct PlacedState {
     pub area: Area,
     /// What is in the box.
     pub face: Face,
+    /// What is inside a superstate, where that is shown.
+    pub inside: Option<Rc<Body>>,
 }
 
 /// A transition at its place.
@@ -336,8 +331,10 @@ impl<'a> Workshop<'a> {
         let labels: Vec<Vec<Line>> = (0..region.transitions.len()).map(label).collect();
 
         let mut faces = Vec::with_capacity(first + states + 1);
+        let mut insides = Vec::with_capacity(first + states + 1);
         if initial {
             faces.push(Face::pseudo(Kind::Initial));
+            insides.push(None);
         }
         for state in 0..states {
             let loops: Vec<&[Line]> = region
@@ -370,15 +367,19 @@ impl<'a> Workshop<'a> {
                 number,
             );
             face.add_loops(&loops);
-            if let Some(inner) = inside {
-                let body = self.body(inner, levels - 1, face.size)?;
+            let body = match inside {
+                Some(inner) => Some(self.body(inner, levels - 1, face.size)?),
+                None => None,
+            };
+            if let Some(body) = &body {
                 face.size = body.size;
-                face.inside = Some(body);
             }
             faces.push(face);
+            insides.push(body);
         }
         if finals {
             faces.push(Face::pseudo(Kind::Final));
+            insides.push(None);
         }
 
         let nodes: Vec<Node> = faces
@@ -415,13 +416,16 @@ impl<'a> Workshop<'a> {
         } = placement;
 
         let mut placed = Vec::with_capacity(faces.len());
-        for (mut face, area) in faces.into_iter().zip(areas) {
-            let asked = [area.width(), area.height()];
-            if let Some(inside) = face.inside.take_if(|inside| inside.size[0] < asked[0]) {
-                face.inside = Some(Rc::new(inside.widened(asked[0])));
-            }
-            face.size = asked;
-            placed.push(PlacedState { area, face });
+        for ((mut face, inside), area) in faces.into_iter().zip(insides).zip(areas) {
+            face.size = [area.width(), area.height()];
+            let inside = inside.map(|inside| {
+                if inside.size[0] < face.size[0] {
+                    Rc::new(inside.widened(face.size[0]))
+                } else {
+                    inside
+                }
+            });
+            placed.push(PlacedState { area, face, inside });
         }
         let mut transitions = Vec::with_capacity(region.transitions.len());
         let mut loops_seen = vec![0; placed.len()];
@@ -498,14 +502,6 @@ impl Body {
             }
         }
         wide
-    }
-}
-
-impl Face {
-    /// Cells to the right of the box that its loops take.
-    fn beside(&self) -> i32 {
-        let widest = self.loops.iter().map(|one| LOOP_REACH + 1 + one.label[0]);
-        widest.max().unwrap_or(0)
     }
 }
 

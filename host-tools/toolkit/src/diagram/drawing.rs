@@ -4,8 +4,8 @@
 //! (nothing overlaps, every transition is there, …) is a statement about this, and so is tested on
 //! it; [`paint`](super::paint) only gives it colours.
 
-use super::body::{self, Body, NetEnd};
-use super::face::{Face, Kind, Side};
+use super::body::{self, Body, NetEnd, PlacedState};
+use super::face::{Kind, Port, Side, heading_rows};
 use super::grid::{self, Area, Spot};
 use super::label::Line;
 use crate::model::Direction;
@@ -146,7 +146,7 @@ impl Drawing {
     }
 
     /// Adds the ports of a box; gives the index of the first.
-    fn add_ports(&mut self, owner: usize, ports: &[super::face::Port]) -> usize {
+    fn add_ports(&mut self, owner: usize, ports: &[Port]) -> usize {
         let first = self.ports.len();
         let area = self.boxes[owner].area;
         for port in ports {
@@ -186,7 +186,7 @@ impl Drawing {
             });
             let mut boxes = Vec::with_capacity(region.states.len());
             for state in &region.states {
-                boxes.push(self.add_state(owner, state.area.moved(by), &state.face));
+                boxes.push(self.add_state(owner, state, by));
             }
             for transition in &region.transitions {
                 self.transitions.push(Arrow {
@@ -234,18 +234,19 @@ impl Drawing {
     }
 
     /// Adds a state with all that is in it; gives its box and its first port.
-    fn add_state(&mut self, parent: usize, area: Area, face: &Face) -> (usize, usize) {
+    fn add_state(&mut self, parent: usize, state: &PlacedState, by: Spot) -> (usize, usize) {
+        let (area, face) = (state.area.moved(by), &state.face);
         let index = self.boxes.len();
         self.boxes.push(Placed {
             area,
             parent: Some(parent),
             kind: face.kind,
-            is_open: face.inside.is_some(),
+            is_open: state.inside.is_some(),
             name: face.name.clone(),
             details: face.details.clone(),
         });
         let ports = self.add_ports(index, &face.ports);
-        if let Some(body) = &face.inside {
+        if let Some(body) = &state.inside {
             self.add_body(index, ports, body, [area.left, area.top]);
         }
         (index, ports)
@@ -256,7 +257,7 @@ impl Placed {
     /// The part of an open box that holds its name and declarations.
     pub fn heading(&self) -> Area {
         Area {
-            bottom: self.area.top + body::heading_rows(self.details.len()),
+            bottom: self.area.top + heading_rows(self.details.len()),
             ..self.area
         }
     }

@@ -1,8 +1,5 @@
 //! The face of a state: what its box says, how large it is, where its ports are.
 
-use std::rc::Rc;
-
-use super::body::{self, Body};
 use super::grid::{self, Area, LANE, Spot};
 use super::label::{self, Line, Piece, Symbol};
 use crate::model::{Container, DataPort, Direction, Model, SlotRef, State, StateKind, Value};
@@ -27,6 +24,11 @@ pub const MARGIN: i32 = 2;
 const LEAST_WIDTH: i32 = 16;
 /// Width and height of the marks of `initial` and `final`.
 const MARK: i32 = 2;
+
+/// Rows of a heading without declarations.
+const HEADING_ROWS: i32 = 4;
+/// Cells that a loop reaches out to the right of its state.
+pub const LOOP_REACH: i32 = 3;
 
 /// What a box stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,6 +101,11 @@ pub struct Loop {
     pub label: Spot,
 }
 
+/// Rows of a heading that holds so many lines of declarations below the name.
+pub const fn heading_rows(declarations: usize) -> i32 {
+    HEADING_ROWS + DETAIL_ROWS * declarations as i32
+}
+
 /// What a box shows.
 #[derive(Clone, Debug)]
 pub struct Face {
@@ -114,8 +121,6 @@ pub struct Face {
     pub loops: Vec<Loop>,
     /// Index of the container, of a superstate.
     pub container: Option<usize>,
-    /// What is inside a superstate, where that is shown.
-    pub inside: Option<Rc<Body>>,
     /// Width and height; of a superstate that shows its inside, the least.
     pub size: Spot,
 }
@@ -130,7 +135,6 @@ impl Face {
             ports: Vec::new(),
             loops: Vec::new(),
             container: None,
-            inside: None,
             size: [2 * LANE, MARK],
         }
     }
@@ -151,7 +155,6 @@ impl Face {
             ports: Vec::new(),
             loops: Vec::new(),
             container: None,
-            inside: None,
             size: [0, 0],
         };
         let mut data: &[DataPort] = &[];
@@ -208,7 +211,7 @@ impl Face {
             }
         }
         let text_rows = if is_open {
-            body::heading_rows(face.details.len())
+            heading_rows(face.details.len())
         } else {
             NAME_ROWS + DETAIL_ROWS * face.details.len() as i32
         };
@@ -232,6 +235,12 @@ impl Face {
             (width + step - 1) / step * step,
             text_rows + port_rows(&self.ports) + foot,
         ]
+    }
+
+    /// Cells to the right of the box that its loops take.
+    pub fn beside(&self) -> i32 {
+        let widest = self.loops.iter().map(|one| LOOP_REACH + 1 + one.label[0]);
+        widest.max().unwrap_or(0)
     }
 
     /// Adds loops with these labels, below the ports of the right side.

@@ -28,6 +28,7 @@ pub mod label;
 pub mod layered;
 mod legend;
 mod notes;
+mod options;
 pub mod pack;
 pub mod paint;
 pub mod task;
@@ -45,6 +46,7 @@ use crate::pictures::scene::Scene;
 use body::Workshop;
 use drawing::Drawing;
 use label::Line;
+pub use options::Options;
 
 /// States that a diagram shows, at most: a container that is used twice counts twice.
 pub const MAX_STATES: u64 = 2_000;
@@ -52,33 +54,6 @@ pub const MAX_STATES: u64 = 2_000;
 pub const MAX_TRANSITIONS: u64 = 6_000;
 /// Levels of superstates within superstates that a diagram shows, at most.
 pub const MAX_LEVELS: u32 = 64;
-
-/// What a diagram shows.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Options {
-    /// This container alone; else the machine, or where there is none, all containers.
-    pub container: Option<String>,
-    /// Levels of superstates whose inside is shown; else all.
-    pub depth: Option<u32>,
-    /// Whether data ports and data paths are shown.
-    pub data: bool,
-    /// Whether the meaning of the symbols stands below.
-    pub legend: bool,
-    /// Whether what the `///` lines say stands below.
-    pub notes: bool,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Options {
-            container: None,
-            depth: None,
-            data: true,
-            legend: false,
-            notes: false,
-        }
-    }
-}
 
 /// Why there is no diagram.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]

@@ -4,9 +4,8 @@
 //! apart in black and white too: transitions are solid with an arrow head, data paths thin and
 //! dashed between triangles, and borders of regions long-dashed and grey.
 
-use super::body;
 use super::drawing::{Arrow, Drawing, Placed, PlacedPort};
-use super::face::{DETAIL_ROWS, Kind, MARGIN, NAME_ROWS, PORT_NAME_GAP, Side};
+use super::face::{self, DETAIL_ROWS, Kind, MARGIN, NAME_ROWS, PORT_NAME_GAP, Side};
 use super::grid::{self, Area, CELL, Spot};
 use super::label::{self, LINE_ROWS, Line, Piece, Symbol, Type};
 use crate::model::Direction;
@@ -153,7 +152,7 @@ pub(super) fn paint_box(scene: &mut Scene, placed: &Placed) {
     let middle = corner[0] + size[0] / 2.0;
     if placed.is_open {
         let column = corner[0] + CELL * MARGIN as f32;
-        let mut row = corner[1] + CELL * body::heading_rows(0) as f32 / 2.0;
+        let mut row = corner[1] + CELL * face::heading_rows(0) as f32 / 2.0;
         write_line(scene, &placed.name, [column, row], label::NAME, INK);
         row += 1.0;
         for line in &placed.details {

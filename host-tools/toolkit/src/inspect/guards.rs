@@ -4,9 +4,9 @@ use esm_core::Verified;
 use esm_core::format::WINDOW_FLAGS;
 use esm_core::tables::{self, Code};
 
-use super::Reader;
 use super::guard::{self, Written};
 use super::names::Names;
+use super::reader::Reader;
 
 /// Reads guards of a blob.
 pub struct GuardReader<'a>(Reader<'a>);

@@ -3,11 +3,11 @@
 
 use core::sync::atomic::Ordering;
 
+use super::handler::RequestHandler;
 use super::port::LinkPort;
-use super::request_handler::RequestHandler;
 use crate::black_box::KEEPS_RECORDS;
 use crate::features::{PARAMS, RECORD, STATUS_EVENTS, TELEMETRY, WARM};
-use crate::mailbox::{Bytes, Command};
+use crate::realtime::mailbox::{Bytes, Command};
 use esm_link::access::Access;
 use esm_link::features::{Feature, Features};
 use esm_link::message::{

@@ -2,9 +2,9 @@
 
 use core::sync::atomic::Ordering;
 
+use super::handler::{Reaction, RequestHandler};
 use super::port::LinkPort;
-use super::request_handler::{Reaction, RequestHandler};
-use crate::mailbox::Command;
+use crate::realtime::mailbox::Command;
 use esm_link::message::{LinkError, Response};
 
 impl RequestHandler<'_, '_> {

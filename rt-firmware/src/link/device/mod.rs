@@ -1,8 +1,8 @@
 //! The robot's end of the link: takes frames, answers requests, sends streams where there is room.
 //!
 //! A board's bytes come and go by its `port`. What leaves is `outgoing` until the port has taken
-//! it: answers first, and `streams` where there is room. Requests are carried out in the
-//! `request_handler`, which sees to it that whoever sent one may (`signing`), and in time: some are
+//! it: answers first, and `streams` where there is room. Requests are carried out by the `handler`:
+//! `request_handler` sees to it that whoever sent one may (`signing`), and in time: some are
 //! `answers` of what this side knows, others become the command to the real-time side, which brings
 //! the `reply`. An upload is a transaction, from its `upload` to its `stage`. `stored_mission` is
 //! what the board keeps for the robot, and `stop` and `emergency` the stops that wait for no
@@ -16,6 +16,7 @@ mod answers;
 mod budget;
 mod client_session;
 mod emergency;
+mod handler;
 mod outgoing;
 mod overload;
 mod port;
@@ -28,25 +29,24 @@ mod stored_mission;
 mod streams;
 mod upload;
 
+pub(crate) use handler::RequestHandler;
 pub use port::LinkPort;
-pub(crate) use request_handler::RequestHandler;
 
 use core::sync::atomic::Ordering;
 
 use crate::features::{KEYS, PARAMS};
 use crate::link::stop_listener::StopListener;
-use crate::mailbox::{Command, NO_DEADLINE};
+use crate::realtime::mailbox::{Command, NO_DEADLINE};
 use budget::Budget;
 use client_session::{Answered, AwaitedStop, Before, ClientSession, Sender};
 use esm_link::frame::{FrameReader, MAX_MESSAGE_BYTES, MAX_REPLY_FRAME_BYTES, parse, unpack};
 use esm_link::message::{
     Channel, LinkError, MAX_STREAM_BYTES, Request, Response, ToDevice, UNKNOWN,
 };
-use outgoing::Outgoing;
+use handler::{PendingRequest, Reaction};
+use outgoing::{CHANNELS, Outgoing, STREAM_OVERHEAD};
 use reply::answer_of;
-use request_handler::{PendingRequest, Reaction};
 use stored_mission::persist_trial;
-use streams::{CHANNELS, STREAM_OVERHEAD};
 
 /// Whether a request is carried out each time that it comes.
 fn is_done_again(request: &Request<'_>) -> bool {

@@ -4,9 +4,16 @@
 
 use super::port::LinkPort;
 use crate::features::{KEYS, PARAMS, STATUS_EVENTS};
-use esm_link::frame::encode_with;
+use esm_link::frame::{CRC_BYTES, encode_with};
 use esm_link::keys::Session;
 use esm_link::message::{FromDevice, PROVEN_HEADER_BYTES, Response};
+
+/// Bytes of a stream's frame beside those of the stream: kind, channel, number, continuation, count
+/// of dropped records (5), length, checksum, COBS, delimiter.
+pub(super) const STREAM_OVERHEAD: usize = 1 + 1 + 1 + 1 + 5 + 1 + CRC_BYTES + 1 + 1;
+
+/// Streams.
+pub(super) const CHANNELS: usize = 4;
 
 /// A frame on its way out.
 pub(super) struct Outgoing<const N: usize> {

@@ -9,9 +9,8 @@
 
 use super::LinkSide;
 use super::client_session::{Answered, AwaitedStop, ClientSession, Sender, UntoldChunk};
+use super::handler::{Reaction, RequestHandler, Upload};
 use super::port::LinkPort;
-use super::request_handler::{Reaction, RequestHandler};
-use super::upload::Upload;
 use esm_link::message::{Request, Response};
 
 /// With more bytes than this in the queue, and an answer on its way out, requests are read that are

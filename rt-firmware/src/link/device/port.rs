@@ -1,7 +1,8 @@
 //! What a board gives the link: its bytes, its clock, its log, and where it keeps keys and
 //! missions.
 
-use crate::link::trial::MissionStore;
+use crate::mission_store::MissionStore;
+use crate::realtime::params::SavedParams;
 use esm_link::key_store::KeyStore;
 use esm_link::message::MAX_CHUNK;
 
@@ -75,4 +76,12 @@ pub trait LinkPort {
     fn mission_store(&mut self) -> Option<&mut dyn MissionStore> {
         None
     }
+}
+
+/// What the board keeps of parameters.
+pub(super) fn saved_params(port: &mut impl LinkPort) -> SavedParams {
+    let mission_store = port.mission_store();
+    mission_store.map_or(SavedParams::NONE, |mission_store| {
+        mission_store.saved_params()
+    })
 }

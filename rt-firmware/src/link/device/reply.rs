@@ -5,8 +5,8 @@
 
 use super::answers::text_part;
 use super::client_session::Sender;
-use super::request_handler::{PendingRequest, Reaction, RequestHandler};
-use crate::mailbox::{Command, NO_DEADLINE, Posted};
+use super::handler::{PendingRequest, Reaction, RequestHandler};
+use crate::realtime::mailbox::{Command, NO_DEADLINE, Posted};
 use esm_link::message::{LinkError, Response};
 
 impl<'m> RequestHandler<'_, 'm> {

@@ -3,101 +3,18 @@
 //! *Invariant:* nothing is done for a request before it is known that whoever sent it may, and that
 //! it is not too late.
 
-use core::sync::atomic::{AtomicBool, Ordering};
-
-use esm_core::BlobBuffer;
-use heapless::spsc::{Consumer, Producer};
+use core::sync::atomic::Ordering;
 
 use super::client_session::Sender;
+use super::handler::{PendingRequest, Reaction, RequestHandler};
 use super::port::LinkPort;
-use super::upload::Upload;
 use crate::features::{PARAMS, STATUS_EVENTS, TELEMETRY};
 use crate::link::status_event::Watch;
-use crate::link::stops::Place;
-use crate::mailbox::{Bytes, Command, Freed, NO_DEADLINE, Posted};
-use crate::ports::Registry;
-use crate::realtime::staging::MissionMemories;
-use crate::recorder::RecordReader;
-use crate::ring::RingReader;
-use crate::runtime::About;
-use crate::status::SnapshotReader;
-use crate::supervision::Heartbeats;
-use crate::telemetry::SampleReader;
+use crate::realtime::mailbox::{Bytes, Command, NO_DEADLINE};
 use esm_link::access::{
     Access, MAX_DEADLINE_US, Needs, Recurrence, may_be_proven, may_have_deadline, needs,
 };
-use esm_link::keys::Keys;
-use esm_link::message::{Capacities, LinkError, Request, Response};
-
-/// What requests are answered from.
-pub(crate) struct RequestHandler<'q, 'm> {
-    pub(crate) registry: Registry<'m>,
-    pub(crate) capacities: Capacities,
-    pub(crate) about: About<'m>,
-    /// Buffers that no mission is in.
-    pub(crate) blobs: [Option<BlobBuffer<'m>>; 2],
-    /// Memory of missions that do not run, and what has to do with it.
-    pub(crate) memories: MissionMemories<'m>,
-    pub(crate) upload: Option<Upload<'m>>,
-    /// The command, while it is here.
-    pub(crate) command: Option<&'m mut Command<'m>>,
-    /// The request that is carried out, as long as it has asked nobody.
-    pub(crate) pending: Option<PendingRequest>,
-    /// Where the link stands among the bytes of its line.
-    pub(crate) place: Place,
-    /// How many stops had been wished for when the request was read that is carried out.
-    pub(crate) stops_before: Option<u32>,
-    /// The request whose answer the command will bring.
-    pub(crate) asked: Option<PendingRequest>,
-    pub(crate) to_real_time: Producer<'q, Posted<'m>>,
-    pub(crate) from_real_time: Consumer<'q, &'m mut Command<'m>>,
-    pub(crate) freed: Consumer<'q, Freed<'m>>,
-    /// The mission store's mission is to be started, as soon as the command is here.
-    pub(crate) start_wanted: bool,
-    pub(crate) snapshot: SnapshotReader<'m>,
-    pub(crate) trace: RingReader<'m>,
-    pub(crate) trace_wanted: &'m AtomicBool,
-    pub(crate) heartbeats: &'m Heartbeats,
-    pub(crate) record: RecordReader<'m>,
-    pub(crate) values: SampleReader<'m>,
-    /// No part of a stream is on its way out.
-    pub(crate) streams_are_sent: bool,
-    pub(crate) log_wanted: bool,
-    pub(crate) keys: Keys,
-    /// The wish for status events, if there is one.
-    pub(crate) watch: Option<Watch>,
-    /// The mission store was told that an emergency stop is latched, whoever latched it.
-    pub(crate) stop_is_stored: bool,
-}
-
-/// What a request goes by while it is carried out.
-#[derive(Clone, Copy)]
-pub(crate) struct PendingRequest {
-    pub(super) seq: u8,
-    /// Who sent it.
-    pub(super) sender: Sender,
-    /// Its kind.
-    pub(super) of: u8,
-    /// When it is too late for it, on the board's clock in microseconds.
-    pub(super) by_us: u64,
-    /// How many stops had been wished for when it was read, see
-    /// [`wishes_before`](Place::wishes_before).
-    pub(super) stops: Option<u32>,
-}
-
-/// What becomes of a request.
-pub(super) enum Reaction<'a> {
-    /// This is the answer.
-    Answer(Result<Response<'a>, LinkError>),
-    /// The real-time side was asked.
-    Later,
-    /// The real-time side was called: this is the answer when it has stopped for the wish of this
-    /// number.
-    WhenStopped {
-        wish: u32,
-        result: Result<(), LinkError>,
-    },
-}
+use esm_link::message::{LinkError, Request, Response};
 
 impl RequestHandler<'_, '_> {
     /// Who sent a request. Takes it out of what proves that.

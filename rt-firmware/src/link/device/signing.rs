@@ -1,9 +1,8 @@
 //! What requests have to do with the robot's key: signatures of requests and uploads, and the key
 //! itself.
 
+use super::handler::{RequestHandler, Upload};
 use super::port::LinkPort;
-use super::request_handler::RequestHandler;
-use super::upload::Upload;
 use esm_link::access::{Needs, needs};
 use esm_link::key_store::KeyStore;
 use esm_link::keys::SignedUpload;

@@ -8,13 +8,11 @@ use core::sync::atomic::Ordering;
 
 use esm_core::{BlobBuffer, Refusal, Verified};
 
-use super::port::LinkPort;
-use super::request_handler::{Reaction, RequestHandler};
-use super::stored_mission::saved_params;
-use super::upload::Upload;
+use super::handler::{Reaction, RequestHandler, Upload};
+use super::port::{LinkPort, saved_params};
 use crate::check::{check, check_slots};
 use crate::features::WARM;
-use crate::mailbox::Command;
+use crate::realtime::mailbox::Command;
 use crate::realtime::staging::StagedMission;
 use esm_link::access::Access;
 use esm_link::frame::checksum;

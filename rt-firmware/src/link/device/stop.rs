@@ -3,8 +3,8 @@
 
 use super::LinkSide;
 use super::client_session::AwaitedStop;
+use super::handler::{Reaction, RequestHandler};
 use super::port::LinkPort;
-use super::request_handler::{Reaction, RequestHandler};
 use esm_link::message::Response;
 
 impl RequestHandler<'_, '_> {

@@ -1,13 +1,12 @@
 //! Missions that the board keeps: the one that the robot starts with, and what the mission store
 //! remembers of trials and parameters.
 
-use super::port::LinkPort;
-use super::request_handler::RequestHandler;
+use super::handler::RequestHandler;
+use super::port::{LinkPort, saved_params};
 use super::stage::verified;
 use crate::check::{check, check_slots};
-use crate::link::trial::{MissionStore, TRIAL_AT_START_MS};
-use crate::mailbox::{Command, Freed};
-use crate::realtime::params::SavedParams;
+use crate::mission_store::{MissionStore, TRIAL_AT_START_MS};
+use crate::realtime::mailbox::{Command, Freed};
 use crate::store::flash_store::Start;
 use esm_link::message::{LinkError, Swap};
 
@@ -122,12 +121,4 @@ pub(super) fn persist_trial(
         Command::Released => mission_store.set_emergency_stop(false),
         _ => Ok(()),
     }
-}
-
-/// What the board keeps of parameters.
-pub(super) fn saved_params(port: &mut impl LinkPort) -> SavedParams {
-    let mission_store = port.mission_store();
-    mission_store.map_or(SavedParams::NONE, |mission_store| {
-        mission_store.saved_params()
-    })
 }

@@ -5,19 +5,12 @@
 use core::sync::atomic::Ordering;
 
 use super::LinkSide;
+use super::handler::RequestHandler;
+use super::outgoing::CHANNELS;
 use super::port::LinkPort;
-use super::request_handler::RequestHandler;
 use crate::features::{STATUS_EVENTS, TELEMETRY};
-use esm_link::frame::CRC_BYTES;
 use esm_link::message::{Channel, FromDevice, MAX_STREAM_BYTES, Stream};
 use esm_link::status_event::StatusEvent;
-
-/// Bytes of a stream's frame beside those of the stream: kind, channel, number, continuation, count
-/// of dropped records (5), length, checksum, COBS, delimiter.
-pub(super) const STREAM_OVERHEAD: usize = 1 + 1 + 1 + 1 + 5 + 1 + CRC_BYTES + 1 + 1;
-
-/// Streams.
-pub(super) const CHANNELS: usize = 4;
 
 impl LinkSide<'_, '_> {
     /// Makes a frame of what a stream holds, if one of them holds something.

@@ -4,24 +4,9 @@
 
 use esm_core::BlobBuffer;
 
+use super::handler::{RequestHandler, Upload};
 use super::port::LinkPort;
-use super::request_handler::RequestHandler;
-use esm_link::keys::SignedUpload;
 use esm_link::message::{Capacity, LinkError, Response};
-
-/// A blob that arrives.
-pub(crate) struct Upload<'m> {
-    pub(super) blob: BlobBuffer<'m>,
-    pub(super) len: u32,
-    pub(super) crc: u32,
-    pub(super) signed: Option<SignedUpload>,
-}
-
-impl Upload<'_> {
-    pub(super) fn received(&self) -> u32 {
-        self.blob.len() as u32
-    }
-}
 
 impl<'m> RequestHandler<'_, 'm> {
     pub(super) fn begin(

@@ -5,11 +5,9 @@ use core::marker::PhantomData;
 
 use esm_core::{BlobBuffer, BlobReader, StateMapping, Verified};
 
-use super::{MissionMemory, Prepared, StoppedMission};
+use super::memory::{MissionMemory, Prepared};
 use crate::features::MISSIONS;
 use crate::ports::Registry;
-use crate::realtime::RealTime;
-use crate::realtime::mission::Origin;
 use crate::task::Direction;
 use esm_link::message::{Capacity, LinkError};
 
@@ -31,20 +29,20 @@ pub(crate) struct MissionMemories<'m> {
 pub(crate) struct OwnMemory<'m>(PhantomData<&'m mut ()>);
 
 /// What a mission has in common with the one of this hash.
-struct Common<'m> {
-    mapping: StateMapping<'m>,
-    before: u32,
+pub(super) struct Common<'m> {
+    pub(super) mapping: StateMapping<'m>,
+    pub(super) before: u32,
 }
 
 /// A mission that is to take over.
 pub(crate) struct StagedMission<'m> {
-    prepared: Prepared<'m>,
+    pub(super) prepared: Prepared<'m>,
     /// Of a warm swap, if there is a mission before.
-    common: Option<Common<'m>>,
+    pub(super) common: Option<Common<'m>>,
 }
 
 impl<'m> MappingTable<'m> {
-    fn of(common: Option<Common<'m>>) -> Self {
+    pub(super) fn of(common: Option<Common<'m>>) -> Self {
         MappingTable(common.map(|common| common.mapping.into_table()))
     }
 }
@@ -186,25 +184,5 @@ impl<'m> OwnMemory<'m> {
 impl<'m> StagedMission<'m> {
     pub(crate) fn mission(&self) -> &Verified<BlobBuffer<'m>> {
         self.prepared.interpreter.verified()
-    }
-}
-
-impl<'m> RealTime<'_, 'm> {
-    /// Starts a mission in place of the one that runs. Answers how many regions go on as they were,
-    /// the mission before, if there was one, and what goes back.
-    pub(in crate::realtime) fn start_staged(
-        &mut self,
-        StagedMission { prepared, common }: StagedMission<'m>,
-        warm: bool,
-        at: Origin,
-    ) -> (u16, Option<StoppedMission<'m>>, MappingTable<'m>) {
-        let running = self.running();
-        // A mission that is not the one that this was found for hands over nothing.
-        let before = common
-            .as_ref()
-            .filter(|common| warm && self.health.mission == Some(common.before))
-            .map(|common| &common.mapping);
-        let (carried, before) = self.start_mission(prepared, running, at, before);
-        (carried, before, MappingTable::of(common))
     }
 }

@@ -4,17 +4,15 @@ use core::marker::PhantomData;
 
 use esm_core::{BlobBuffer, Verified};
 
-use super::{MissionMemory, StoppedMission};
+use super::memory::MissionMemory;
 use crate::ports::Registry;
-use crate::realtime::RealTime;
-use crate::realtime::mission::Origin;
 use esm_link::message::LinkError;
 
 /// The memory of a mission that has ended: it is where there is memory for the next.
-pub(crate) struct SpareMemory<'m>(PhantomData<&'m mut ()>);
+pub(crate) struct SpareMemory<'m>(pub(super) PhantomData<&'m mut ()>);
 
 /// The table of what two missions have in common: there is none.
-pub(crate) struct MappingTable<'m>(PhantomData<&'m mut ()>);
+pub(crate) struct MappingTable<'m>(pub(super) PhantomData<&'m mut ()>);
 
 /// What the link prepares missions in: nothing.
 pub(crate) struct MissionMemories<'m>(PhantomData<&'m mut ()>);
@@ -23,7 +21,7 @@ pub(crate) struct MissionMemories<'m>(PhantomData<&'m mut ()>);
 pub(crate) struct OwnMemory<'m>(Option<MissionMemory<'m>>);
 
 /// A mission that is to take over.
-pub(crate) struct StagedMission<'m>(Verified<BlobBuffer<'m>>);
+pub(crate) struct StagedMission<'m>(pub(super) Verified<BlobBuffer<'m>>);
 
 impl<'m> MissionMemories<'m> {
     /// Of the memory for missions: it is the real-time side's.
@@ -68,25 +66,5 @@ impl<'m> OwnMemory<'m> {
 impl<'m> StagedMission<'m> {
     pub(crate) fn mission(&self) -> &Verified<BlobBuffer<'m>> {
         &self.0
-    }
-}
-
-impl<'m> RealTime<'_, 'm> {
-    /// Starts a mission in place of the one that runs, which ends first. Answers how many regions
-    /// go on as they were, the mission before, if there was one, and what goes back.
-    pub(in crate::realtime) fn start_staged(
-        &mut self,
-        new: StagedMission<'m>,
-        _warm: bool,
-        at: Origin,
-    ) -> (u16, Option<StoppedMission<'m>>, MappingTable<'m>) {
-        let running = self.running();
-        let before = self.end_mission();
-        let new = StoppedMission {
-            mission: new.0,
-            spare: SpareMemory(PhantomData),
-        };
-        self.start_again(new, running, at);
-        (0, before, MappingTable(PhantomData))
     }
 }

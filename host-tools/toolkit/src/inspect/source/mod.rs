@@ -24,8 +24,9 @@ use esm_core::format::WINDOW_FLAGS;
 use esm_core::tables::{self, Code, State, StateKind};
 
 use super::flags::Flag;
+use super::guard::Written;
 use super::names::Names;
-use super::{Reader, guard::Written};
+use super::reader::Reader;
 use crate::compile::{self, NameTable};
 use crate::lang::{self, MAX_FILE_BYTES, Severity};
 use crate::schedule::Limit;

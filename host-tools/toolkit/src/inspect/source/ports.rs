@@ -24,7 +24,7 @@ use esm_core::tables::StateKind;
 
 use super::tree::Tree;
 use super::{NoSource, Reader};
-use crate::inspect::readable;
+use crate::inspect::reader::readable;
 
 /// Ends of all containers beyond this are too many, as are more looks at the net of one in an
 /// instance.

@@ -12,7 +12,7 @@ use super::events::Listed;
 use super::ports::{End, Path, Wiring};
 use super::{NoSource, Reader};
 use crate::inspect::names::Names;
-use crate::inspect::readable;
+use crate::inspect::reader::readable;
 
 /// The capacity of the event queue where nothing is said.
 const DEFAULT_QUEUE: usize = 32;

@@ -2,11 +2,11 @@
 
 use crate::model::Span;
 
+use crate::lang::cure::Cure;
 use crate::lang::diagnostic::{Edit, Fix};
 use crate::lang::lexer::{Lexer, TokenKind as T};
 use crate::lang::tree::{Container, Event, EventListing, Path, PathEnd};
 
-use super::cures::Cure;
 use super::{Body, Parser};
 
 impl<'t> Parser<'t, '_> {

@@ -2,56 +2,12 @@
 //! how it is written here, and the change
 //! that an editor can make.
 
-use crate::model::Span;
-use crate::nearest::nearest;
-
-pub(super) use crate::lang::cure::Cure;
+use crate::lang::cure::Cure;
 use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::lang::lexer::{Token, TokenKind as T};
+use crate::model::Span;
 
 use super::Parser;
-
-/// The word that is meant: one that differs in capitals only, else the nearest.
-pub(super) fn meant<'w>(text: &str, words: &[&'w str]) -> Option<&'w str> {
-    let other_case = words.iter().find(|word| word.eq_ignore_ascii_case(text));
-    other_case
-        .copied()
-        .or_else(|| nearest(text, words.iter().copied()))
-}
-
-/// Words of other tools for words of this language.
-const OTHER_WORDS: [(&str, &str); 22] = [
-    ("import", "use"),
-    ("include", "use"),
-    ("require", "use"),
-    ("statemachine", "machine"),
-    ("state_machine", "machine"),
-    ("fsm", "machine"),
-    ("robot", "machine"),
-    ("program", "machine"),
-    ("composite", "container"),
-    ("component", "container"),
-    ("submachine", "container"),
-    ("module", "container"),
-    ("signal", "event"),
-    ("events", "event"),
-    ("input", "in"),
-    ("output", "out"),
-    ("parallel", "region"),
-    ("connect", "path"),
-    ("wire", "path"),
-    ("states", "state"),
-    ("substate", "super"),
-    ("behaviour", "task"),
-];
-
-/// The word of the language for a word of another one, of those that are possible.
-pub(super) fn other_word<'w>(text: &str, possible: &[&'w str]) -> Option<&'w str> {
-    let (_, meant) = OTHER_WORDS
-        .iter()
-        .find(|(other, _)| other.eq_ignore_ascii_case(text))?;
-    possible.iter().find(|word| *word == meant).copied()
-}
 
 impl<'t> Parser<'t, '_> {
     /// Reports that something else was expected here, with what mends it: the statement goes on.

@@ -2,11 +2,11 @@
 
 use crate::model::Span;
 
+use crate::lang::cure::Cure;
 use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::lang::lexer::TokenKind as T;
 use crate::lang::tree::{File, Given, Interpreter, Queue, Rate, Slot, Use};
 
-use super::cures::Cure;
 use super::{Body, Parser, set_if_absent};
 
 impl Parser<'_, '_> {

@@ -18,17 +18,19 @@ mod regions;
 mod tasks;
 mod transitions;
 mod values;
+mod words;
 
 use std::collections::HashSet;
 
 use crate::model::Span;
 
+use crate::lang::cure::Cure;
 use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix, Sink};
 use crate::lang::lexer::{Lexer, Token, TokenKind as T, docs};
 use crate::lang::tree::{File, Given, Name};
 
-use cures::{Cure, meant, other_word};
-pub(super) use values::excerpt;
+pub(super) use words::excerpt;
+use words::{meant, other_word};
 
 /// How deep `(` and `not` nest in a guard.
 pub const MAX_GUARD_DEPTH: usize = 100;

@@ -2,13 +2,13 @@
 
 use crate::model::Span;
 
+use crate::lang::cure::Cure;
 use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::lang::lexer::TokenKind as T;
 use crate::lang::tree::{Endpoint, Given, Literal, Name, Region, State, StateKind};
 
-use super::cures::{Cure, meant};
 use super::tasks::missing_colon;
-use super::values::excerpt;
+use super::words::{excerpt, meant};
 use super::{Body, Parser, set_if_absent};
 
 /// What stands in a region.

@@ -3,11 +3,11 @@
 use crate::model::{Direction, ParamType, Span};
 use crate::nearest::nearest;
 
+use crate::lang::cure::Cure;
 use crate::lang::diagnostic::{Edit, Fix};
 use crate::lang::lexer::TokenKind as T;
 use crate::lang::tree::{DataPort, Flag, Given, Name, Number, Param, Task};
 
-use super::cures::Cure;
 use super::{Body, Parser, set_if_absent};
 
 /// The attributes of a task whose words are not reserved.

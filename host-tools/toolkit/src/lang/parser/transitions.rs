@@ -2,15 +2,15 @@
 
 use crate::model::Span;
 
+use crate::lang::cure::Cure;
 use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::lang::lexer::{Lexer, Token, TokenKind as T};
 use crate::lang::tree::{
     Action, Endpoint, Given, GuardKind, GuardTerm, Region, SystemFlag, Transition, Trigger,
 };
 
-use super::cures::{Cure, meant};
 use super::regions::LIMIT_WORDS;
-use super::values::excerpt;
+use super::words::{excerpt, meant};
 use super::{BrokenGuard, Limit, MAX_GUARD_DEPTH, Parser, set_if_absent};
 
 /// How far the end of a guard is looked for.

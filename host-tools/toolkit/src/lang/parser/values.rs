@@ -1,10 +1,11 @@
 //! Names, words, numbers: what the statements of the language are made of.
 
+use crate::lang::cure::Cure;
 use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::lang::lexer::{Lexer, MAX_NAME_BYTES, Token, TokenKind as T};
 use crate::lang::tree::{Literal, LiteralKind, Name, Number};
 
-use super::cures::{Cure, meant};
+use super::words::{excerpt, meant, one_of};
 use super::{MAX_TIME_US, Parser};
 
 /// Units of time, as microseconds.
@@ -453,37 +454,4 @@ impl Parser<'_, '_> {
         self.no_unit("values of parameters have no unit: the task says in what it counts");
         Some(literal)
     }
-}
-
-/// The words in a sentence.
-pub(super) fn one_of(words: &[&str]) -> String {
-    match words {
-        [] => String::new(),
-        [word] => format!("`{word}`"),
-        [words @ .., last] => {
-            let words: Vec<String> = words.iter().map(|word| format!("`{word}`")).collect();
-            format!("{} or `{last}`", words.join(", "))
-        }
-    }
-}
-
-/// The start of a text that may be long, with what cannot be printed made visible.
-pub(in crate::lang) fn excerpt(text: &str) -> String {
-    const MAX_CHARACTERS: usize = 40;
-    let mut excerpt: String = text
-        .chars()
-        .take(MAX_CHARACTERS)
-        .flat_map(|character| {
-            let is_visible = !character.is_control();
-            let escaped = (!is_visible).then(|| character.escape_default());
-            is_visible
-                .then_some(character)
-                .into_iter()
-                .chain(escaped.into_iter().flatten())
-        })
-        .collect();
-    if text.chars().nth(MAX_CHARACTERS).is_some() {
-        excerpt.push('…');
-    }
-    excerpt
 }

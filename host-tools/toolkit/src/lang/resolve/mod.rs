@@ -6,6 +6,7 @@
 //! state whose task is unknown, or about a name that may stand in what could not be read.
 
 mod counts;
+mod declarations;
 mod literals;
 mod nets;
 mod recursion;
@@ -17,16 +18,15 @@ mod timing;
 
 use std::collections::HashMap;
 
-use crate::model::{
-    Container, ContainerEvent, DataPort, Direction, Flag, Model, Path, Region, SourceFile, Span,
-};
+use crate::model::{Container, ContainerEvent, Direction, Model, Path, Region, Span};
 
 use super::analysis::activity::{Activity, View};
 use super::analysis::holes::{ContainerHoles, Holes, RegionHoles};
-use super::cure::remove_item;
-use super::diagnostic::{Code, Diagnostic, Fix, Sink};
-use super::references::{References, Undeclared};
-use super::tree::{self, EventListing, File};
+use super::diagnostic::{Code, Diagnostic, Sink};
+use super::references::References;
+use super::tree::{self, EventListing};
+pub(super) use declarations::Trees;
+use declarations::{declare_data, declare_flags, remove};
 use scope::{Names, Scope};
 use slots::SlotTable;
 use tasks::TaskTable;
@@ -48,23 +48,6 @@ pub(super) struct Resolved {
     pub(super) slots_are_whole: bool,
     /// Per slot of the model, whether its period and duration are known.
     pub(super) known_slots: Vec<bool>,
-}
-
-/// A file of the set as the loader hands it over.
-pub(super) struct Trees<'f> {
-    /// The files.
-    pub(super) files: &'f [SourceFile],
-    /// The tree of each.
-    pub(super) trees: &'f [File],
-    /// Whether a file of the set could not be read, or not rightly.
-    pub(super) lacks_files: bool,
-}
-
-impl Trees<'_> {
-    /// Whether declarations may be missing: then no task, container or slot is unknown for certain.
-    fn is_incomplete(&self) -> bool {
-        self.lacks_files || self.trees.iter().any(|file| file.is_cut)
-    }
 }
 
 /// What else is known of a container than its model: name spaces, and what its states are.
@@ -311,11 +294,6 @@ fn declare_queue(set: &Trees<'_>, model: &mut Model, names: &mut Names<'_, '_>) 
     }
 }
 
-/// The fix that removes a declaration or statement.
-fn remove(title: &str, span: Span, names: &Names<'_, '_>) -> Fix {
-    Fix::one(title, remove_item(names.file_text(span), span))
-}
-
 /// Declares events, flags and data ports of a container.
 fn declare_parts<'f>(
     tree: &'f tree::Container,
@@ -380,55 +358,6 @@ fn declare_events<'f>(
             _ => names.defined_twice("event", text, name.0, first),
         }
     }
-}
-
-/// Declares flags; gives them with their directions, which are `None` where they could not be read.
-fn declare_flags<'f>(
-    trees: &[tree::Flag],
-    scope: &mut Scope<'f>,
-    names: &mut Names<'f, '_>,
-) -> (Vec<Flag>, Vec<Option<Direction>>) {
-    trees
-        .iter()
-        .enumerate()
-        .map(|(index, flag)| {
-            names.declare(scope, flag.name, index, "flag");
-            let name = flag.name.map_or("", |name| names.text(name.0));
-            let model = Flag {
-                name: name.to_owned(),
-                direction: flag.direction.unwrap_or(Direction::In),
-                docs: names.docs(flag.docs),
-                span: flag.span,
-            };
-            (model, flag.direction)
-        })
-        .unzip()
-}
-
-/// Declares data ports. A type that could not be read is the empty name.
-fn declare_data<'f>(
-    trees: &[tree::DataPort],
-    scope: &mut Scope<'f>,
-    names: &mut Names<'f, '_>,
-) -> Vec<DataPort> {
-    trees
-        .iter()
-        .enumerate()
-        .map(|(index, port)| {
-            names.declare(scope, port.name, index, "data port");
-            names.mention(Undeclared::Type, port.type_name);
-            let text = |name: Option<tree::Name>| name.map_or("", |name| names.text(name.0));
-            DataPort {
-                name: text(port.name).to_owned(),
-                direction: port.direction,
-                type_name: text(port.type_name).to_owned(),
-                optional: port.optional,
-                within_us: port.within_us.value(),
-                docs: names.docs(port.docs),
-                span: port.span,
-            }
-        })
-        .collect()
 }
 
 /// A region as it is resolved.

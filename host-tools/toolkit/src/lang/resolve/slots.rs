@@ -6,7 +6,7 @@ use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix};
 use crate::lang::tree::{Name, Number, Rate};
 use crate::model::{Model, Slot, SlotRef, Span};
 
-use super::Trees;
+use super::declarations::{Trees, remove};
 use super::scope::Names;
 
 const US_PER_SECOND: u32 = 1_000_000;
@@ -192,7 +192,7 @@ pub(super) fn declare_interpreter(
                 Diagnostic::new(Code::E003, interpreter.span, "a second `interpreter`")
                     .hint("remove one of the two: one slot runs the interpreter")
                     .related(first, "the first one")
-                    .fix(super::remove(
+                    .fix(remove(
                         "remove the second `interpreter`",
                         interpreter.span,
                         names,

@@ -9,10 +9,10 @@ use crate::lang::references::Undeclared;
 use crate::lang::tree::{self, Given, Literal};
 use crate::model::{Direction, Model, Param, ParamType, SlotRef, Task, Value};
 
+use super::declarations::{Trees, declare_data, declare_flags};
 use super::literals::{self, Misfit, Written};
 use super::scope::{Names, Scope};
 use super::slots::SlotTable;
-use super::{Trees, declare_data, declare_flags};
 
 /// The name space of tasks, and what else is known of each than its model.
 pub(super) struct TaskTable<'f> {

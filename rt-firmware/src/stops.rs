@@ -16,9 +16,6 @@ use core::sync::atomic::{
     fence,
 };
 
-use crate::retained_ram::RetainedRam;
-use crate::supervision::Heartbeats;
-
 /// What is known of stops that were wished for. Counts wrap.
 pub(crate) struct Stops {
     /// The real-time side is to look. Set by whoever wishes for a stop, cleared by the real-time
@@ -148,24 +145,6 @@ impl Stops {
         preemptible!();
         let ahead = self.done.load(Acquire).wrapping_sub(number) as i32;
         mutant!(StopDoneBefore) || ahead >= 0
-    }
-}
-
-impl Heartbeats {
-    /// Lets the real-time side switch the motors off before it next exchanges anything with the
-    /// body, and after each reset. Whoever wants that has counted the wish before.
-    pub(crate) fn latch_emergency_stop(&self, kept: Option<&RetainedRam>) {
-        if let Some(kept) = kept {
-            kept.set_emergency_stop(true);
-        }
-        preemptible!();
-        self.emergency_stop.store(true, Release);
-        self.stops.call();
-    }
-
-    /// Whether an emergency stop is latched.
-    pub(crate) fn is_emergency_stopped(&self) -> bool {
-        self.emergency_stop.load(Acquire)
     }
 }
 

@@ -3,11 +3,10 @@
 use esm_link::message::{FlashHealth, LinkError, StoreStatus};
 
 use crate::realtime::params::SavedParams;
-use crate::store::flash_store::Start;
 
 /// Remembers across a reset which mission is on trial and which was confirmed: a store on a flash.
 /// A board that has one hands it out by
-/// [`LinkPort::mission_store`](super::device::LinkPort::mission_store).
+/// [`LinkPort::mission_store`](crate::LinkPort::mission_store).
 ///
 /// All of this is called from the link's context and may take as long as a flash does: slots go on
 /// meanwhile, requests wait.
@@ -68,6 +67,20 @@ pub trait MissionStore {
     /// What the host is to be told. Until the next loss of power it is so all the same. A release
     /// that was put off for want of erases is kept later, unless there is another stop before.
     fn set_emergency_stop(&mut self, latched: bool) -> Result<(), LinkError>;
+}
+
+/// What to start with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// The mission of this length that is in the room now.
+    Mission {
+        /// Its length in bytes.
+        len: usize,
+        /// It was never confirmed: if it is not now, the other one is to run.
+        on_trial: bool,
+    },
+    /// Nothing: the flash has no mission that may run, and the firmware has none.
+    Nothing,
 }
 
 /// How long a mission that a robot starts with may run on trial, in milliseconds: one whose upload
