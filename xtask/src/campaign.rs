@@ -79,7 +79,7 @@ const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "many-stops",
-        what: "100,000 stops on a full line of a robot that turns on the spot, in the emulator (3 h)",
+        what: "100,000 stops on a full line of a robot that turns on the spot, in the emulator (6 h)",
         package: "esm-tests",
         target: &["--test", "line_load"],
         tests: "a_stop_on_a_full_line",
@@ -102,7 +102,7 @@ const CAMPAIGNS: &[Campaign] = &[
     },
     Campaign {
         name: "records",
-        what: "up to four flipped bits in all places of the records, and a million random flashes (30 min)",
+        what: "up to four flipped bits in all places of the records, and a million random flashes (15 min)",
         package: "rt-firmware",
         target: &["--lib"],
         tests: "store::damages",
