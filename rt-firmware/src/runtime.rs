@@ -255,7 +255,7 @@ pub fn split<
         command: Some(memory.command.write(Command::Empty)),
         pending: None,
         place: Place::BEGINNING,
-        stops_before: None,
+        stops_before: 0,
         asked: None,
         to_real_time,
         from_real_time,

@@ -134,10 +134,14 @@ impl Stops {
         self.done.store(read, Release);
     }
 
-    /// Whether a stop was wished for since there were so many wishes. With `None` one had been
-    /// heard already, further on.
-    pub(crate) fn overtakes(&self, count: Option<u32>) -> bool {
-        count != Some(self.count()) && !mutant!(OvertakenForgotten)
+    /// Whether a stop was wished for since there were so many wishes.
+    pub(crate) fn overtakes(&self, count: u32) -> bool {
+        count != self.count() && !mutant!(OvertakenForgotten)
+    }
+
+    /// A number of wishes that a stop overtakes: there is one more, and never so few again.
+    pub(crate) fn overtaken(&self) -> u32 {
+        self.count().wrapping_sub(1)
     }
 
     /// Whether the robot has stopped for the wish of this number, or for a later one.
@@ -177,13 +181,16 @@ impl Place {
         kept_bytes.wrapping_sub(self.taken) as i32
     }
 
-    /// What a request that ends here is older than: all wishes but so many. `None` if one was heard
-    /// already that comes behind it.
-    pub(crate) fn wishes_before(&mut self, stops: &Stops) -> Option<u32> {
+    /// How many wishes there are that a request does not come before which ends here. One that is
+    /// heard already and comes behind it overtakes it.
+    pub(crate) fn wishes_before(&mut self, stops: &Stops) -> u32 {
         // First how many, then whether one is ahead: so none is overlooked that is heard in
         // between.
         let count = stops.count();
-        (!self.is_stop_ahead(stops)).then_some(count)
+        match self.is_stop_ahead(stops) {
+            true => count.wrapping_sub(1),
+            false => count,
+        }
     }
 
     /// Whether a stop was heard whose bytes are still to come, or were lost: what was read up to

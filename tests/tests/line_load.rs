@@ -483,7 +483,7 @@ fn key() -> SigningKey {
 }
 
 /// Uploads on a full line for each kind of flood: their median counts.
-const UPLOADS: usize = 3;
+const UPLOADS: usize = 5;
 
 /// Uploads while the line is full, with this key if the robot has one. In the median they take so
 /// many times as long as on a quiet line at most, if that is said.

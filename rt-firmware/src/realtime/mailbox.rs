@@ -39,7 +39,7 @@ pub(crate) struct Posted<'m> {
     pub(crate) by_us: u64,
     /// How often a stop had been wished for; none if one is heard already that came behind what is
     /// asked for.
-    pub(crate) stops: Option<u32>,
+    pub(crate) stops: u32,
 }
 
 /// A buffer that the real-time side needs no more. It goes back by itself, for a robot that falls

@@ -13,6 +13,12 @@ use super::port::LinkPort;
 const MOST_DEBT_US: i32 = 2_000_000;
 /// How much it may owe and still look for a stop that was heard, to answer it.
 const DEBT_FOR_A_STOP_US: i32 = 50_000;
+/// What takes longer beyond the budget is long, in microseconds.
+const LONG_US: i32 = 20_000;
+/// How much is forgiven of a long request of the owner's, and how often: a signature takes 0.12 s
+/// on a slow board.
+const MOST_FORGIVEN_US: i32 = 150_000;
+const FORGIVEN_EACH_US: u64 = 1_000_000;
 /// The longest time that is counted at once.
 const LONGEST_US: u32 = 10_000_000;
 const PERCENT: u32 = 100;
@@ -25,6 +31,8 @@ pub(super) struct Budget {
     at_us: u64,
     /// How long slots had run then.
     slots_us: u32,
+    /// From when on a long request of the owner's is forgiven.
+    forgives_at_us: u64,
 }
 
 impl Budget {
@@ -33,6 +41,7 @@ impl Budget {
         left_us: i32::MAX,
         at_us: 0,
         slots_us: 0,
+        forgives_at_us: 0,
     };
 
     /// The link's turn begins: what has passed is for the link to have its share of.
@@ -67,15 +76,21 @@ impl Budget {
         passed_us
     }
 
-    /// What is to be paid back, in microseconds.
-    pub(super) fn owed(&self) -> i32 {
+    /// What is to be paid back.
+    pub(super) fn owed_us(&self) -> i32 {
         -self.left_us.min(0)
     }
 
-    /// Nothing more than so much is owed: what took longer was the owner's, who has proven that.
-    /// Strangers cannot ask for it, and what they take is to leave him his time.
-    pub(super) fn forgive(&mut self, owed: i32) {
-        self.left_us = self.left_us.max(-owed);
+    /// A request of the owner's is done, who owed so much before: what it took beyond the budget
+    /// is forgiven, once in [`FORGIVEN_EACH_US`] and so much at most. So a signature of his is
+    /// looked at although strangers take all that the link may have, and slot 0 keeps its part
+    /// whatever he asks for.
+    pub(super) fn forgive(&mut self, owed_us: i32) {
+        let took_us = self.owed_us() - owed_us;
+        if took_us >= LONG_US && self.at_us >= self.forgives_at_us {
+            self.left_us += took_us.min(MOST_FORGIVEN_US);
+            self.forgives_at_us = self.at_us + FORGIVEN_EACH_US;
+        }
     }
 
     /// Whether requests are carried out.
@@ -86,5 +101,52 @@ impl Budget {
     /// Whether a stop that was heard may be looked for and answered.
     pub(super) fn is_left_for_a_stop(&self) -> bool {
         self.left_us > -DEBT_FOR_A_STOP_US
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Port;
+
+    impl LinkPort for Port {
+        fn now_us(&mut self) -> u64 {
+            0
+        }
+        fn receive(&mut self) -> Option<u8> {
+            None
+        }
+        fn send(&mut self, _byte: u8) -> bool {
+            false
+        }
+    }
+
+    /// Works for so long at a time, with what was saved up used up before.
+    fn after(budget: &mut Budget, now_us: u64, took_us: u64) {
+        budget.begin::<Port>(now_us, 0);
+        budget.left_us = 0;
+        let owed_us = budget.owed_us();
+        budget.charge::<Port>(now_us + took_us, 0);
+        budget.forgive(owed_us);
+    }
+
+    #[test]
+    fn a_long_request_of_the_owners_is_forgiven_once_a_second_and_no_more_of_it() {
+        let mut budget = Budget::FULL;
+        let half = i32::from(Port::LINK_PERCENT) * 1_200;
+        after(&mut budget, 0, 120_000);
+        assert_eq!(budget.owed_us(), 0);
+        after(&mut budget, 500_000, 120_000);
+        assert_eq!(budget.owed_us(), 120_000 - half);
+        after(&mut budget, 1_200_000, 120_000);
+        assert_eq!(budget.owed_us(), 0);
+        after(&mut budget, 2_400_000, 1_200_000);
+        // What is earned meanwhile is no more than what can be saved up.
+        let earned = Port::LINK_BURST_US as i32;
+        assert_eq!(budget.owed_us(), 1_200_000 - earned - MOST_FORGIVEN_US);
+        // Short ones are as anyone's.
+        after(&mut budget, 9_000_000, 10_000);
+        assert_eq!(budget.owed_us(), 10_000 - half / 12);
     }
 }

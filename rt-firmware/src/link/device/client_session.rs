@@ -101,7 +101,7 @@ pub(super) struct ClientSession {
     /// The message that waits until the real-time side has answered a stranger's.
     waiting: Taken,
     /// How many stops had been wished for when it was read.
-    waiting_stops: Option<u32>,
+    waiting_stops: u32,
     /// The stop that was read last, until the robot has stopped.
     awaited_stop: Option<AwaitedStop>,
     /// The last chunk that was taken and not answered.
@@ -118,7 +118,7 @@ impl ClientSession {
         answered: Taken::NOTHING,
         asked: Taken::NOTHING,
         waiting: Taken::NOTHING,
-        waiting_stops: None,
+        waiting_stops: 0,
         awaited_stop: None,
         untold_chunk: None,
         replies_to: UNKNOWN,
@@ -141,7 +141,7 @@ impl ClientSession {
 
     /// This message is carried out later: as one that was read when so many stops had been wished
     /// for.
-    pub(super) fn wait(&mut self, message: &[u8], stops: Option<u32>) {
+    pub(super) fn wait(&mut self, message: &[u8], stops: u32) {
         self.waiting.set(message);
         self.waiting_stops = stops;
     }
@@ -172,7 +172,7 @@ impl ClientSession {
     pub(super) fn take_waiting<'r>(
         &mut self,
         room: &'r mut [u8; MAX_MESSAGE_BYTES],
-    ) -> (&'r [u8], Option<u32>) {
+    ) -> (&'r [u8], u32) {
         *room = self.waiting.bytes;
         let len = core::mem::take(&mut self.waiting.len);
         let message = room.get(..usize::from(len)).unwrap_or_default();

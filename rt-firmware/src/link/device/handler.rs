@@ -37,7 +37,7 @@ pub(crate) struct RequestHandler<'q, 'm> {
     /// Where the link stands among the bytes of its line.
     pub(crate) place: Place,
     /// How many stops had been wished for when the request was read that is carried out.
-    pub(crate) stops_before: Option<u32>,
+    pub(crate) stops_before: u32,
     /// The request whose answer the command will bring.
     pub(crate) asked: Option<PendingRequest>,
     pub(crate) to_real_time: Producer<'q, Posted<'m>>,
@@ -87,7 +87,7 @@ pub(crate) struct PendingRequest {
     pub(super) by_us: u64,
     /// How many stops had been wished for when it was read, see
     /// [`wishes_before`](Place::wishes_before).
-    pub(super) stops: Option<u32>,
+    pub(super) stops: u32,
 }
 
 /// What becomes of a request.

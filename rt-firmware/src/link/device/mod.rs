@@ -334,7 +334,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             _ => {}
         }
         self.handler.streams_are_sent = self.stream.is_done();
-        let owed = self.budget.owed();
+        let owed_us = self.budget.owed_us();
         carry_out(
             client_session,
             &mut self.handler,
@@ -346,7 +346,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         );
         if sender != Sender::Anyone {
             self.charge(port);
-            self.budget.forgive(owed);
+            self.budget.forgive(owed_us);
         }
     }
 

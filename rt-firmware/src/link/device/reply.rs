@@ -34,7 +34,10 @@ impl<'m> RequestHandler<'_, 'm> {
             _ => NO_DEADLINE,
         };
         // What nobody has asked for starts nothing that a stop has ended.
-        let stops = asked.and_then(|asked| asked.stops);
+        let stops = match asked {
+            Some(asked) => asked.stops,
+            None => self.heartbeats.stops.overtaken(),
+        };
         preemptible!();
         match self.to_real_time.enqueue(Posted {
             command,
