@@ -849,7 +849,19 @@ mod of_keys {
         let chunk = Request::Chunk { offset: 0, data };
         robot.expect_of(owner, chunk, &received(8))?;
         robot.expect(Request::Chunk { offset: 8, data }, "Err(NoSession)")?;
-        expect(&robot.answers(&first), &[])?;
+        expect(
+            &robot.answers(&first),
+            &[&format!("{seq}: Err(WrongProof)")],
+        )?;
+        // Nobody counts on so far, whatever he can prove.
+        let request = &serialized(Request::Abort)[..];
+        let far = owner.number + 65;
+        let proven = Request::Proven {
+            number: far,
+            proof: owner.session.of_request(far, request),
+            request,
+        };
+        robot.expect(proven, "Err(WrongProof)")?;
         let by_number = heard(robot).wrapping_sub(before);
         if by_number != 2 {
             return Err(format!("{by_number} requests were heard"));
