@@ -192,13 +192,18 @@ pub fn between_tops(imports: &Imports) -> Imports {
     tops
 }
 
-/// The imports of a package on disk, by the folder of its sources.
+/// The imports of a package on disk, by the folder of its sources: those of its library, or else of
+/// its program.
 ///
 /// # Panics
 /// If a module has no file.
 pub fn of_package(sources: &Path) -> Imports {
     let read = |file: &Path| std::fs::read_to_string(sources.join(file)).ok();
-    Package::read(&read, "lib.rs").imports()
+    let root = match sources.join("lib.rs").is_file() {
+        true => "lib.rs",
+        false => "main.rs",
+    };
+    Package::read(&read, root).imports()
 }
 
 /// The next `mod` of a text: what stands before it, whether it is for tests, its name, and what

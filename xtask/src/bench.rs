@@ -241,7 +241,7 @@ fn told(key: &str, value: &OsStr) -> OsString {
 /// are checked.
 fn host_program(root: &Path, prefix: &str) -> Result<OsString, Failure> {
     let mut target = root.join(MACHINES_TARGET);
-    let mut cargo = process::command(setup::host_cargo());
+    let mut cargo = process::command(process::host_cargo());
     cargo.current_dir(root.join(MACHINES_FOLDER)).args([
         "build",
         "--quiet",
@@ -261,7 +261,7 @@ fn host_program(root: &Path, prefix: &str) -> Result<OsString, Failure> {
 /// Builds the program that measures `name`; returns where it is. It is not cargo that runs it: a
 /// failure of its own is told once.
 fn built(root: &Path, profile: &str, package: &str, name: &str) -> Result<PathBuf, Failure> {
-    let mut cargo = process::command(setup::host_cargo());
+    let mut cargo = process::command(process::host_cargo());
     cargo
         .current_dir(root)
         .args(["bench", "--quiet", "--no-run", "--profile", profile])

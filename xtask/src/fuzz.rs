@@ -6,8 +6,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::process::{self, Failure, command, find_program, make_folder, output, shown};
-use crate::setup::{self, host_cargo};
+use crate::process::{
+    self, Failure, command, find_program, host_cargo, make_folder, output, shown,
+};
+use crate::setup;
 
 /// The package with the targets, below the checkout: one file each.
 pub const PACKAGE_FOLDER: &str = "fuzz";

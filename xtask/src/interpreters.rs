@@ -7,7 +7,6 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use crate::process::{self, Failure, command, find_program, make_folder, output};
-use crate::setup;
 
 /// Their programs.
 const FOLDER: &str = "benches/interpreters";
@@ -112,7 +111,7 @@ impl Language {
         make_folder(&target).map_err(|failure| failure.to_string())?;
         match self {
             Language::Rust => {
-                let mut cargo = command(setup::host_cargo());
+                let mut cargo = command(process::host_cargo());
                 cargo
                     .current_dir(&folder)
                     .args(["build", "--quiet", "--release", "--target-dir"])

@@ -5,7 +5,6 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use crate::process::{self, Failure, command, make_folder};
-use crate::setup;
 
 /// The missions, by what their rows are called. The first is the one that a limit is for.
 const MISSIONS: [(&str, &str); 4] = [
@@ -109,7 +108,7 @@ fn inspected(root: &Path, file: &Path, folder: &Path) -> Result<Taken, Failure> 
 
 /// What `esm` prints.
 fn esm(root: &Path, arguments: &[&PathBuf]) -> Result<String, Failure> {
-    let mut cargo = command(setup::host_cargo());
+    let mut cargo = command(process::host_cargo());
     cargo
         .current_dir(root)
         .args([

@@ -8,8 +8,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::setup::host_cargo;
-
 /// Why a command of ours ended badly.
 #[derive(Debug)]
 pub enum Failure {
@@ -156,6 +154,11 @@ pub fn this() -> Result<Command, Failure> {
         cause,
     })?;
     Ok(command(this))
+}
+
+/// The cargo that runs this program, for all that is built for the host.
+pub fn host_cargo() -> String {
+    std::env::var("CARGO").unwrap_or_else(|_| "cargo".into())
 }
 
 /// The host's cargo in `folder`.

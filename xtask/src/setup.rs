@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
-use crate::process::{self, Failure, command, find_program, output};
+use crate::process::{self, Failure, command, find_program, host_cargo, output};
 
 /// The emulator, and its package in Debian and what descends from it.
 const EMULATOR: (&str, &str) = ("qemu-system-arm", "qemu-system-arm");
@@ -187,11 +187,6 @@ impl Toolchain {
             Toolchain::Debian { .. } => Path::new("/usr/bin/clippy-driver").is_file(),
         }
     }
-}
-
-/// The cargo that runs this program, for all that is built for the host.
-pub fn host_cargo() -> String {
-    std::env::var("CARGO").unwrap_or_else(|_| "cargo".into())
 }
 
 /// Finds or installs the emulator.

@@ -14,7 +14,7 @@ use crate::fuzz;
 use crate::mutants;
 use crate::process::{self, Failure, cargo};
 use crate::python;
-use crate::setup::{self, Choice, PAGE_TARGET, SMALL_TARGET, Toolchain, host_cargo};
+use crate::setup::{self, Choice, PAGE_TARGET, SMALL_TARGET, Toolchain};
 use crate::size;
 use crate::tally::Tally;
 
@@ -416,5 +416,5 @@ fn compiler(choice: Choice, tally: &mut Tally) -> Option<Toolchain> {
 
 /// Whether the host's cargo has the subcommand `name`.
 fn has_component(name: &str) -> bool {
-    process::output(process::command(host_cargo()).args([name, "--version"])).is_some()
+    process::output(process::command(process::host_cargo()).args([name, "--version"])).is_some()
 }
