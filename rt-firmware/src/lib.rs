@@ -62,6 +62,7 @@ pub mod task;
 pub mod tasks;
 mod telemetry;
 
+pub use about::{About, MAX_NAME_BYTES};
 pub use background::Background;
 #[cfg(any(test, feature = "std"))]
 pub use bench::TaskBench;
@@ -69,11 +70,11 @@ pub use board::{ActivationStart, Board, WithStopButton};
 pub use link::device::{LinkPort, LinkSide};
 pub use link::stop_listener::StopListener;
 pub use ports::{AnyTaskPool, Executor, Io, Net, Registry, RegistryFault, TaskPool, assemble};
-pub use realtime::mailbox::{self, Mailbox};
+pub use realtime::mailbox::Mailbox;
 pub use realtime::{Limits, RealTime};
 pub use registry::nets;
 pub use retained_ram::RetainedRam;
-pub use runtime::{About, Memory, Sides, split};
+pub use runtime::{Memory, Sides, split};
 pub use show::Show;
 pub use task::{
     Declaration, Declared, In, InFlag, InOut, OptIn, OptInOut, Out, OutFlag, Param, PortType, Step,

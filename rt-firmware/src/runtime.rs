@@ -47,7 +47,7 @@
 use core::mem::MaybeUninit;
 use core::sync::atomic::AtomicBool;
 
-pub use crate::about::{About, MAX_NAME_BYTES};
+use crate::about::About;
 use crate::background::Background;
 use crate::features::MISSIONS;
 use crate::heartbeats::Heartbeats;

@@ -42,20 +42,10 @@ impl Owner {
     /// # Panics
     /// It is not the robot's own answer.
     pub fn of(key: &SigningKey, client: &[u8; NONCE_BYTES], identity: &Identity) -> Self {
-        let Identity {
-            key: robot,
-            salt,
-            nonce,
-            counter,
-            proof,
-        } = identity;
-        let secret = key.secret(salt);
-        let expected = secret
-            .keyed()
-            .of_identity(client, robot, salt, nonce, *counter);
-        assert!(is_same(proof, &expected), "the robot has this key");
+        assert!(key.is_known_to(identity, client), "the robot has this key");
+        let secret = key.secret(&identity.salt).keyed();
         Owner {
-            session: secret.keyed().session(client, nonce),
+            session: secret.session(client, &identity.nonce),
             number: 0,
         }
     }

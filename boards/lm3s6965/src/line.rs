@@ -12,7 +12,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use pac::Interrupt;
 use rt_firmware::body::line::{LinePart, PART_BYTES};
 #[cfg(feature = "store")]
-use rt_firmware::link::trial::MissionStore;
+use rt_firmware::mission_store::MissionStore;
 use rt_firmware::{LinkPort, LinkSide, StopListener};
 
 use crate::flash::{self, BoardStore};

@@ -12,7 +12,8 @@ use std::path::{Path, PathBuf};
 
 use ed25519_compact::{KeyPair, Seed};
 use esm_link::access::{KEY_BYTES, NONCE_BYTES, SALT_BYTES, SIGNATURE_BYTES};
-use esm_link::proof::Secret;
+use esm_link::message::Identity;
+use esm_link::proof::{Secret, is_same};
 use thiserror::Error;
 use zeroize::Zeroizing;
 
@@ -224,6 +225,26 @@ impl SigningKey {
         let secret = Secret::of_owner(private.as_ref(), salt);
         private.wipe_mut();
         secret
+    }
+
+    /// Whether a robot that answered this to the nonce `client` knows what it shares with the
+    /// owner of this key.
+    pub fn is_known_to(
+        &self,
+        Identity {
+            key,
+            salt,
+            nonce,
+            counter,
+            proof,
+        }: &Identity,
+        client: &[u8; NONCE_BYTES],
+    ) -> bool {
+        let secret = self.secret(salt).keyed();
+        is_same(
+            proof,
+            &secret.of_identity(client, key, salt, nonce, *counter),
+        )
     }
 }
 

@@ -7,5 +7,3 @@ mod mutants;
 pub(crate) mod preemption;
 pub mod status_event;
 pub mod stop_listener;
-
-pub use crate::mission_store as trial;

@@ -8,8 +8,7 @@ use super::{
     AppendError, BeginError, Choice, FinishError, FlashBank, HEADER_BYTES, Layout, LayoutError,
     Store, TrialError, journal,
 };
-use crate::mission_store::MissionStore;
-pub use crate::mission_store::Start;
+use crate::mission_store::{MissionStore, Start};
 use crate::realtime::params::SavedParams;
 use crate::retained_ram::RetainedRam;
 use esm_link::key_store::{KeyStore, NotStored, StoredKey, WriteError};

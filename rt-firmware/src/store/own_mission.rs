@@ -4,10 +4,10 @@ use std::cell::RefCell;
 use std::rc::Rc;
 use std::vec::Vec;
 
-use super::flash_store::{FlashStore, Start, flash_bytes};
+use super::flash_store::{FlashStore, flash_bytes};
 use super::kept_flash::{self, BLOB_BYTES, ERASE, Flash, WRITE};
 use super::nor::{Chip, Cut, Kind, Rewrite, Tear};
-use crate::mission_store::MissionStore;
+use crate::mission_store::{MissionStore, Start};
 use esm_link::message::{BankState, LinkError, Source};
 
 const OWN: &[u8] = b"the firmware's own";

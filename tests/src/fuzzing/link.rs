@@ -20,7 +20,7 @@ use esm_link::telemetry::Sample;
 use host_tools::keys::SigningKey;
 use host_tools::plant::flash::Flash;
 use rt_firmware::body::flash::ERASE_BYTES;
-use rt_firmware::link::trial::MissionStore;
+use rt_firmware::mission_store::MissionStore;
 use rt_firmware::store::flash_store::{FlashStore, RECORD_BYTES, flash_bytes};
 use rt_firmware::{
     About, Board, Io, Limits, LinkPort, LinkSide, Mailbox, Memory, RealTime, RetainedRam, Step,

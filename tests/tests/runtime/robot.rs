@@ -18,9 +18,9 @@ use esm_link::telemetry::Sample;
 use esm_link::trace::TraceEvent;
 use esm_tests::owner::Owner;
 use host_tools::keys::SigningKey;
-use rt_firmware::link::trial::MissionStore;
+use rt_firmware::mission_store::MissionStore;
+use rt_firmware::mission_store::Start;
 use rt_firmware::realtime::params::SavedParams;
-use rt_firmware::store::flash_store::Start;
 use rt_firmware::tasks::SlotMonitor;
 use rt_firmware::{
     About, ActivationStart, Background, Board, Io, Limits, LinkPort, LinkSide, Mailbox, Memory,

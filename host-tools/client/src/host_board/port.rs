@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use esm_link::key_store::KeyStore;
 use rt_firmware::body::line::{INTERVAL_US, LinePart, PART_BYTES};
-use rt_firmware::link::trial::MissionStore;
+use rt_firmware::mission_store::MissionStore;
 use rt_firmware::store::flash_store::FlashStore;
 use rt_firmware::{LinkPort, StopListener};
 

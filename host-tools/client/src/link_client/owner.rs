@@ -6,7 +6,7 @@ use esm_link::access::{
     self, MAX_SIGNED_BYTES, NONCE_BYTES, Needs, SALT_BYTES, SIGNATURE_BYTES, may_be_proven, needs,
 };
 use esm_link::message::{Identity, LinkError, Request, Response};
-use esm_link::proof::{is_same, mask};
+use esm_link::proof::mask;
 
 use super::session::{Expected, OwnerSession};
 use super::signing::{KeyLoader, RobotIdentity, Signer};
@@ -150,18 +150,7 @@ impl<L: ByteLink> LinkClient<L> {
                 let Response::Identity(identity) = response else {
                     return None;
                 };
-                let Identity {
-                    key: robot,
-                    salt,
-                    nonce,
-                    counter,
-                    proof,
-                } = &identity;
-                let expected = key
-                    .secret(salt)
-                    .keyed()
-                    .of_identity(&client, robot, salt, nonce, *counter);
-                let is_shown = is_same(proof, &expected) || mutant!(IdentityBelieved);
+                let is_shown = key.is_known_to(&identity, &client) || mutant!(IdentityBelieved);
                 Some((identity, is_shown))
             };
             match self.exchange_frame(NAME, request, &frame, Duration::ZERO, patience, &mut read)? {

@@ -5,9 +5,8 @@ use super::handler::RequestHandler;
 use super::port::{LinkPort, saved_params};
 use super::stage::verified;
 use crate::check::{check, check_slots};
-use crate::mission_store::{MissionStore, TRIAL_AT_START_MS};
+use crate::mission_store::{MissionStore, Start, TRIAL_AT_START_MS};
 use crate::realtime::mailbox::{Command, Freed};
-use crate::store::flash_store::Start;
 use esm_link::message::{LinkError, Swap};
 
 impl RequestHandler<'_, '_> {
