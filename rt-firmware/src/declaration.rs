@@ -599,6 +599,24 @@ pub const fn is_esm_literal(text: &str) -> bool {
     true
 }
 
+/// Whether a value is within bounds, at compile time.
+#[doc(hidden)]
+pub const fn is_within_bounds_f32(least: f32, value: f32, greatest: f32) -> bool {
+    least <= value && value <= greatest
+}
+
+/// Whether a value is within bounds, at compile time.
+#[doc(hidden)]
+pub const fn is_within_bounds_i32(least: i32, value: i32, greatest: i32) -> bool {
+    least <= value && value <= greatest
+}
+
+/// Whether a value is within bounds, at compile time.
+#[doc(hidden)]
+pub const fn is_within_bounds_u32(least: u32, value: u32, greatest: u32) -> bool {
+    least <= value && value <= greatest
+}
+
 /// The longest time that a mission may state, in microseconds.
 const LONGEST_US: u64 = 4_000_000_000;
 

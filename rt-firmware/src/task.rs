@@ -73,8 +73,8 @@
 pub use crate::declaration::{
     Declaration, Direction, Docs, FlagDeclaration, In, InFlag, InOut, MAX_DATA_PORTS, MAX_FLAGS,
     MAX_PARAMS, OptIn, OptInOut, Out, OutFlag, Param, ParamDeclaration, ParamKind, ParamType,
-    PortDeclaration, PortType, Step, is_esm_literal, microseconds, place_of, same_text,
-    signature_hash,
+    PortDeclaration, PortType, Step, is_esm_literal, is_within_bounds_f32, is_within_bounds_i32,
+    is_within_bounds_u32, microseconds, place_of, same_text, signature_hash,
 };
 pub use crate::ports::{Declared, Io, Task, declaration_of};
 
@@ -95,6 +95,31 @@ pub use crate::ports::{Declared, Io, Task, declaration_of};
 ///         params { speed: f32 = 0.25, 0.0..=0.5; limit: u32; }
 ///     }
 /// }
+/// ```
+///
+/// What is there stands in this order. A default that is out of its bounds does not compile:
+///
+/// ```compile_fail
+/// struct Cruise;
+/// rt_firmware::task! {
+///     impl Cruise {
+///         params { speed: f32 = 0.75, 0.0..=0.5; }
+///     }
+/// }
+/// let declared = <Cruise as rt_firmware::Declared>::DECLARATION;
+/// ```
+///
+/// and with `0.25` in its place it does:
+///
+/// ```
+/// # struct Cruise;
+/// # rt_firmware::task! {
+/// #     impl Cruise {
+/// #         params { speed: f32 = 0.25, 0.0..=0.5; }
+/// #     }
+/// # }
+/// let declared = <Cruise as rt_firmware::Declared>::DECLARATION;
+/// assert_eq!(declared.params.len(), 1);
 /// ```
 ///
 /// A port that is `within` a time, in `us`, `ms` or `s`, has no value where the last one is older.
@@ -182,6 +207,7 @@ macro_rules! task {
                         assert!($crate::task::is_esm_literal(stringify!($min)), "bounds are written as in a mission");
                         assert!($crate::task::is_esm_literal(stringify!($max)), "bounds are written as in a mission");
                     )?
+                    $crate::__task_default!($param_type $($default)?; $($min $max)?);
                 )*)?
                 assert!(Self::__PORT_NAMES.len() <= $crate::task::MAX_DATA_PORTS, "too many data ports");
                 assert!(Self::__FLAG_NAMES.len() <= $crate::task::MAX_FLAGS, "too many flags");
@@ -289,6 +315,42 @@ macro_rules! __task_bounds {
     };
     (bool $min:literal $max:literal) => {
         Some([$min as u32, $max as u32])
+    };
+}
+
+/// A parameter's bounds are in order, and its default is within them.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_default {
+    ($type:ident $($default:literal)?;) => {};
+    ($type:ident; $min:literal $max:literal) => {
+        assert!(
+            $crate::__task_is_within!($type $min $min $max),
+            "the greatest value of a parameter is below its least"
+        );
+    };
+    ($type:ident $default:literal; $min:literal $max:literal) => {
+        assert!(
+            $crate::__task_is_within!($type $min $default $max),
+            "the default of a parameter is out of its bounds"
+        );
+    };
+}
+
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __task_is_within {
+    (f32 $min:literal $value:literal $max:literal) => {
+        $crate::task::is_within_bounds_f32($min as f32, $value as f32, $max as f32)
+    };
+    (i32 $min:literal $value:literal $max:literal) => {
+        $crate::task::is_within_bounds_i32($min, $value, $max)
+    };
+    (u32 $min:literal $value:literal $max:literal) => {
+        $crate::task::is_within_bounds_u32($min, $value, $max)
+    };
+    (bool $min:literal $value:literal $max:literal) => {
+        $crate::task::is_within_bounds_u32($min as u32, $value as u32, $max as u32)
     };
 }
 

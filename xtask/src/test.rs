@@ -195,6 +195,21 @@ fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
 /// What needs no firmware: form, lints, documentation, and whether the tests notice mutants.
 fn checks(root: &Path, tally: &mut Tally) {
     tally.step("lines that are too wide", || form::command(root, false));
+    tally.step("lock files name what is built", || {
+        // What a user builds is what was tested, and a build leaves the checkout as it was.
+        let folders = [
+            "",
+            BOARD_FOLDER,
+            EXAMPLE_FOLDER,
+            EXAMPLE_FIRMWARE_FOLDER,
+            fuzz::PACKAGE_FOLDER,
+            bench::MACHINES_FOLDER,
+        ];
+        folders.into_iter().try_for_each(|folder| {
+            let arguments = ["update", "--workspace", "--locked", "--quiet"];
+            process::run(cargo(&root.join(folder)).args(arguments))
+        })
+    });
     let rustfmt = has_component("fmt");
     let clippy = has_component("clippy");
     if rustfmt {

@@ -17,6 +17,7 @@ pub mod keys;
 pub mod link_client;
 pub mod live_recording;
 pub mod lockstep;
+pub mod nearby;
 pub mod qemu;
 pub mod reading;
 pub mod run;

@@ -8,6 +8,7 @@ use esm_toolkit::lang::{self, Checked, LoadError, MAX_FILE_BYTES, Overlay, Store
 use esm_toolkit::language_server::Workspace;
 
 use crate::files;
+use crate::nearby::nearby;
 
 /// The file system.
 #[derive(Clone, Copy, Debug, Default)]
@@ -37,6 +38,11 @@ impl Store for Disk {
             });
         }
         files::read(&path, MAX_FILE_BYTES).map_err(failed)
+    }
+
+    fn nearby(&self, folder: &Path, path: &Path) -> Option<PathBuf> {
+        let is_there = folder.join(path).exists();
+        (!is_there).then(|| nearby(folder, path)).flatten()
     }
 }
 

@@ -141,8 +141,7 @@ fn mend(path: &Path, console: &mut Console) -> Result<(), CommandError> {
             break;
         };
         let open = BTreeMap::from([(identity.clone(), text)]);
-        let after =
-            lang::load_over(path, &open).map_err(|error| CommandError::Input(error.into()))?;
+        let after = lang::load_over(path, &open).map_err(|error| mission::unread(path, &error))?;
         if count(&after, &kind) < count(&checked, &kind) {
             mended.push(line);
             checked = after;

@@ -8,6 +8,7 @@ use anyhow::{Context, anyhow};
 
 use super::exit::CommandError;
 use crate::files;
+use crate::nearby::nearby;
 use crate::recording::file::MARK;
 
 /// Reads a whole input file that is no longer than `most_bytes`.
@@ -15,9 +16,25 @@ use crate::recording::file::MARK;
 /// # Errors
 /// If it cannot be read, is longer, or is no file: then the input has an error.
 pub fn read(path: &Path, most_bytes: u64, what: &str) -> Result<Vec<u8>, CommandError> {
-    files::read(path, most_bytes)
-        .with_context(|| format!("cannot read the {what} {}", path.display()))
-        .map_err(CommandError::Input)
+    files::read(path, most_bytes).map_err(|error| {
+        CommandError::Input(anyhow!(
+            "cannot read the {what} {}: {error}{}",
+            path.display(),
+            meant(path)
+        ))
+    })
+}
+
+/// `; did you mean …?` behind what is said of a file that is not there, where one nearby may have
+/// been meant.
+pub fn meant(path: &Path) -> String {
+    if path.exists() {
+        return String::new();
+    }
+    match nearby(Path::new(""), path) {
+        Some(meant) => format!("; did you mean `{}`?", meant.display()),
+        None => String::new(),
+    }
 }
 
 /// Reads a whole input file of text.

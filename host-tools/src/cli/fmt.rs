@@ -179,7 +179,7 @@ fn collect(path: &Path, depth: usize, paths: &mut Vec<PathBuf>) -> Result<(), Co
 
 fn read(path: &Path) -> Result<Vec<u8>, CommandError> {
     mission::refuse_blob(path)?;
-    crate::lang::read_source(path).map_err(|error| CommandError::Input(error.into()))
+    crate::lang::read_source(path).map_err(|error| mission::unread(path, &error))
 }
 
 fn read_standard_input() -> Result<Vec<u8>, CommandError> {

@@ -10,11 +10,12 @@ use esm_core::Verified;
 
 use super::console::Console;
 use super::exit::CommandError;
+use super::file;
 use crate::boards::Board;
 use crate::clean::counted;
 use crate::compile::{CompileError, NameTable};
 use crate::fit;
-use crate::lang::{self, Checked, Code, Folded};
+use crate::lang::{self, Checked, Code, Folded, LoadError};
 use crate::schedule::Schedule;
 use crate::time::work_limit;
 use crate::trace::directory::Directory;
@@ -32,7 +33,12 @@ pub const LAY_OUT_LIMIT: Duration = Duration::from_secs(5);
 /// If the file cannot be read; mistakes in it are diagnostics.
 pub fn read(path: &Path) -> Result<Checked, CommandError> {
     refuse_blob(path)?;
-    lang::load(path).map_err(|error| CommandError::Input(error.into()))
+    lang::load(path).map_err(|error| unread(path, &error))
+}
+
+/// Why a source is not read, with the file that may have been meant.
+pub fn unread(path: &Path, error: &LoadError) -> CommandError {
+    CommandError::Input(anyhow!("{error}{}", file::meant(path)))
 }
 
 /// Says so where a blob is given in the place of a source.

@@ -34,7 +34,7 @@ use crate::serial::noise::Noise;
 /// The firmware, its task code and its timers are real; the robot's body (motors, encoders, sonars,
 /// battery) and the world around it are simulated. The default board runs in an emulator, the board
 /// `host` runs the same code as a part of this process and is much faster. Ctrl-C ends the run and
-/// leaves nothing behind.
+/// leaves nothing behind. Without --until a run goes on when its mission has finished.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -624,6 +624,9 @@ impl Teller<'_> {
                     "    upload | {file} ({hash}): {bytes} bytes in {upload_s:.2} s"
                 ));
             }
+            Heard::FinishedWithoutEnd => self.console.note(
+                "the robot stands, and the run goes on: Ctrl-C ends it, or `--until TIME` when it is started",
+            ),
             Heard::Warning(text) => self.console.note(&format!("warning: {text}")),
         }
     }

@@ -17,6 +17,7 @@ use crate::files::MAX_BLOB_BYTES;
 use crate::host_board::{self, RobotMaker};
 use crate::inspect::refusal::Explained;
 use crate::lang::Checked;
+use crate::nearest::nearest;
 use crate::plant::flash::{Flash, FlashError};
 use crate::qemu::firmware::{self, FirmwareError};
 use crate::run::board::Board;
@@ -134,21 +135,23 @@ pub fn world(asked: Option<&Path>, mission: Option<&Path>) -> Result<World, Comm
         (Some(path), _) if is_plain_name(asked) && path.is_file() => files::load_world(&path),
         (_, Some((_, text))) => World::parse(text),
         _ if is_plain_name(asked) && !asked.exists() => {
+            let names = SHIPPED_WORLDS.map(|(name, _)| name);
+            let meant = match nearest(&asked.to_string_lossy(), names) {
+                Some(meant) => format!("; did you mean `{meant}`?"),
+                None => String::new(),
+            };
             return Err(CommandError::Input(anyhow!(
-                "there is no world `{}`: name a world file, or one of the worlds that ship: {}",
+                "there is no world `{}`: name a world file, or one of the worlds that ship: {}{meant}",
                 asked.display(),
-                SHIPPED_WORLDS.map(|(name, _)| name).join(", ")
+                names.join(", ")
             )));
         }
         _ => files::load_world(asked),
     };
     found.map_err(|error| {
-        let unreadable = matches!(error, WorldError::Read { .. });
-        let error = anyhow::Error::new(error);
-        CommandError::Input(if unreadable {
-            error
-        } else {
-            error.context(format!("world {}", asked.display()))
+        CommandError::Input(match error {
+            WorldError::Read { .. } => anyhow!("{error}{}", file::meant(asked)),
+            _ => anyhow::Error::new(error).context(format!("world {}", asked.display())),
         })
     })
 }

@@ -31,13 +31,18 @@ use crate::task_page;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  esm tasks > rover_tasks.esm
-  esm tasks --port /dev/ttyUSB0 > rover_tasks.esm
+  esm tasks -o rover_tasks.esm
+  esm tasks --port /dev/ttyUSB0 -o rover_tasks.esm
   esm tasks --page docs missions/rover.esm")]
 pub struct TasksArgs {
     /// Declarations to make the page from, instead of a robot's
     #[arg(value_name = "FILE", requires = "page", conflicts_with_all = ["port", "board"])]
     pub file: Option<PathBuf>,
+
+    /// Where the declarations go, instead of to standard output; a file that is there is replaced
+    /// when they are all here
+    #[arg(short, long, value_name = "OUT", conflicts_with = "page")]
+    pub output: Option<PathBuf>,
 
     /// Writes a page for people into this folder, `tasks.md`, and a picture of each task into
     /// `img/tasks` in it
@@ -81,11 +86,14 @@ pub fn execute(
     }
     let (text, origin) = declarations(args, robot, console)?;
     if args.page.is_none() {
-        write!(
-            console.out(),
-            "// The tasks of {origin}, as `esm tasks` printed them.\n{text}"
-        )?;
-        return Ok(());
+        let text = format!("// The tasks of {origin}, as `esm tasks` printed them.\n{text}");
+        return match &args.output {
+            Some(path) => file::write_whole(path, text.as_bytes(), "declarations"),
+            None => console
+                .out()
+                .write_all(text.as_bytes())
+                .map_err(CommandError::from),
+        };
     }
     let checked = lang::load_text("tasks.esm", &text);
     mission::tell(&checked, Audience::Person, console)?;

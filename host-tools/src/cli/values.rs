@@ -187,7 +187,7 @@ fn find(catalogue: &Catalogue, name: &str) -> Result<(String, Watched), CommandE
             }
         };
         return Err(CommandError::Input(anyhow!(
-            "the mission that runs has no net with the port `{name}`; {hint}"
+            "the mission that runs has no net with the port `{name}` (a port is on a net where a `path` leads from it or to it); {hint}"
         )));
     };
     if watched.fields.is_empty() {

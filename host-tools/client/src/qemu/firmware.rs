@@ -107,7 +107,7 @@ pub enum FirmwareError {
     },
     /// This is no checkout, so nothing can be built.
     #[error(
-        "no firmware for the board {BOARD}: name one with --firmware ELF or ESM_FIRMWARE, or run esm inside a checkout, where `cargo xtask firmware` builds it"
+        "no firmware for the board {BOARD}: drive on the host with `--board host`; or name a firmware with --firmware ELF or ESM_FIRMWARE; or run esm inside a checkout, where `cargo xtask firmware` builds it, and with `--robot FOLDER` that of a robot of your own"
     )]
     NoCheckout,
     /// Building failed.

@@ -14,7 +14,7 @@ use thiserror::Error;
 use super::board::{Board, BoardError, LinkWay, RunningBoard};
 use super::mission::{Mission, hash_text};
 use super::story::{Story, Told, safe_reason};
-use super::summary::{MissionSummary, Summary};
+use super::summary::{EndPose, MissionSummary, Summary};
 use crate::flash::Flash;
 use crate::host_board::HostBoard;
 use crate::interrupt::Interrupt;
@@ -162,6 +162,8 @@ pub enum Heard<'a> {
     Uploaded(usize),
     /// The mission runs.
     UploadEnds(&'a MissionSummary),
+    /// The last mission has finished, and the run has no end of its own.
+    FinishedWithoutEnd,
     /// Something is not as it should be, and the run goes on.
     Warning(&'a str),
 }
@@ -725,8 +727,13 @@ impl<W: Write> Driver<W> {
             if let TraceEvent::Started { mission, start_us } = record {
                 self.mission_starts(mission, start_us)?;
             }
+            let had_finished = self.story.has_finished();
             self.story
                 .record(&record, &mut |told| watch(Heard::Happened(&told)))?;
+            let is_last = self.uploads.len() == self.missions.len();
+            if self.until_us.is_none() && is_last && !had_finished && self.story.has_finished() {
+                watch(Heard::FinishedWithoutEnd);
+            }
         }
         Ok(())
     }
@@ -836,6 +843,8 @@ impl<W: Write> Driver<W> {
             robot_time_s: end_us as f64 / 1e6,
             wall_time_s: wall_time.map(|wall| wall.as_secs_f64()),
             distance_m: plant.distance_m(),
+            end: Some(EndPose::of(&plant)),
+            interrupted,
             collisions: plant.collisions(),
             hardest_collision_m_per_s: (plant.collisions() > 0)
                 .then(|| plant.hardest_collision_m_per_s()),

@@ -255,6 +255,11 @@ impl<W: Write> Story<W> {
         Ok(())
     }
 
+    /// Whether the mission that runs has reached all its final states.
+    pub fn has_finished(&self) -> bool {
+        self.finished_us.is_some()
+    }
+
     /// Whether all of the time of interest has been told.
     pub fn has_ended(&self) -> bool {
         self.ended

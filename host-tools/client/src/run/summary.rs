@@ -6,6 +6,7 @@ use esm_link::message::Status;
 use serde::Serialize;
 
 use esm_toolkit::counters::SlotReport;
+use esm_toolkit::plant::Plant;
 use esm_toolkit::schedule::handover::Handover;
 
 /// A run in figures.
@@ -23,6 +24,12 @@ pub struct Summary {
     pub wall_time_s: Option<f64>,
     /// Way of the robot's centre, in metres.
     pub distance_m: f64,
+    /// Where the robot's body was at the end; `None` where no plant can tell.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub end: Option<EndPose>,
+    /// Whether Ctrl-C ended the run; left out where it did not.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub interrupted: bool,
     /// How often the robot ran into a wall.
     pub collisions: u32,
     /// Speed at the hardest of them, in metres per second; `None` without one.
@@ -54,6 +61,77 @@ pub struct Summary {
     pub missions: Vec<MissionSummary>,
     /// Requests that had to be sent again.
     pub link_retries: u64,
+}
+
+/// Where a robot's body was at the end of a run, on the map of its world.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct EndPose {
+    /// The centre, to the right, in metres.
+    pub x_m: f64,
+    /// The centre, upwards, in metres.
+    pub y_m: f64,
+    /// Which way it looks: counter-clockwise from x, in degrees, above -180 and up to 180.
+    pub heading_deg: f64,
+    /// From where the centre was at the start, in metres.
+    pub from_start_m: f64,
+    /// What the heading differs by from that at the start, in degrees, above -180 and up to 180.
+    pub turned_deg: f64,
+}
+
+impl EndPose {
+    /// Where a plant's body is now.
+    pub fn of(plant: &Plant) -> Self {
+        let (pose, start) = (plant.pose(), &plant.world().start);
+        let (x_m, y_m) = (pose.position.x_m, pose.position.y_m);
+        let heading_deg = pose.heading_rad.to_degrees();
+        let (right_m, up_m) = (x_m - start.position.x_m, y_m - start.position.y_m);
+        EndPose {
+            x_m,
+            y_m,
+            heading_deg: wrapped_deg(heading_deg),
+            from_start_m: (right_m * right_m + up_m * up_m).sqrt(),
+            turned_deg: wrapped_deg(heading_deg - start.heading_deg),
+        }
+    }
+}
+
+impl fmt::Display for EndPose {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "at {}, {} m, heading {}°: {} m and {}° from its start",
+            Rounded::<2>(self.x_m),
+            Rounded::<2>(self.y_m),
+            Rounded::<1>(self.heading_deg),
+            Rounded::<3>(self.from_start_m),
+            Rounded::<1>(self.turned_deg)
+        )
+    }
+}
+
+/// The same direction, above -180 degrees and up to 180.
+fn wrapped_deg(angle_deg: f64) -> f64 {
+    let turned = angle_deg.rem_euclid(360.0);
+    if turned > 180.0 {
+        turned - 360.0
+    } else {
+        turned
+    }
+}
+
+/// A number with that many decimals, and no minus before a zero.
+struct Rounded<const DECIMALS: usize>(f64);
+
+impl<const DECIMALS: usize> fmt::Display for Rounded<DECIMALS> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let text = format!("{:.DECIMALS$}", self.0);
+        let is_zero = text.chars().all(|it| matches!(it, '-' | '0' | '.'));
+        f.write_str(if is_zero {
+            text.trim_start_matches('-')
+        } else {
+            &text
+        })
+    }
 }
 
 /// A mission's way to the robot.
@@ -108,7 +186,13 @@ impl fmt::Display for Summary {
                     .map_or_else(String::new, |wall| format!(" ({wall:.1} s on the wall)"))
             ),
         )?;
+        if self.interrupted {
+            row("ended by", "Ctrl-C".to_owned())?;
+        }
         row("distance", format!("{:.2} m", self.distance_m))?;
+        if let Some(end) = &self.end {
+            row("end", end.to_string())?;
+        }
         let hardest = (self.hardest_collision_m_per_s).map_or_else(String::new, |speed| {
             format!(", the hardest at {speed:.2} m/s")
         });
@@ -175,6 +259,28 @@ impl fmt::Display for Summary {
         match &self.fault {
             Some(fault) => row("fault", fault.clone()),
             None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn directions_are_wrapped_and_rounded_for_people() {
+        for (angle_deg, expected) in [
+            (0.0, "0.0"),
+            (-0.01, "0.0"),
+            (180.0, "180.0"),
+            (-180.0, "180.0"),
+            (270.0, "-90.0"),
+            (359.96, "0.0"),
+            (725.04, "5.0"),
+            (-450.0, "-90.0"),
+        ] {
+            let text = Rounded::<1>(wrapped_deg(angle_deg)).to_string();
+            assert_eq!(text, expected, "{angle_deg}");
         }
     }
 }

@@ -5,7 +5,7 @@ use std::path::{Component, Path, PathBuf};
 
 use crate::model::{SourceFile, Span};
 
-use super::diagnostic::{Code, Diagnostic, Sink};
+use super::diagnostic::{Code, Diagnostic, Fix, Sink};
 use super::parser;
 use super::source::LoadError;
 use super::tree::{File, Use};
@@ -19,6 +19,10 @@ pub trait Store {
     /// # Errors
     /// It cannot be read, is no file, or is too long.
     fn read(&self, path: &str) -> Result<Vec<u8>, LoadError>;
+    /// Where `path`, seen from a folder, names no file: the path of one that may have been meant.
+    fn nearby(&self, _folder: &Path, _path: &Path) -> Option<PathBuf> {
+        None
+    }
 }
 
 /// Files under texts that somebody has open and has perhaps not saved.
@@ -46,6 +50,10 @@ impl Store for Overlay<'_> {
             Some(text) => Ok(text.as_bytes().to_vec()),
             None => self.below.read(path),
         }
+    }
+
+    fn nearby(&self, folder: &Path, path: &Path) -> Option<PathBuf> {
+        self.below.nearby(folder, path)
     }
 }
 
@@ -150,10 +158,8 @@ pub(super) fn load(path: &str, store: &dyn Store, sink: &mut Sink) -> Result<Set
                 }
                 Err(error) => {
                     set.lacks_files = true;
-                    sink.push(
-                        Diagnostic::new(Code::E013, used.span, error.to_string())
-                            .hint("a path in `use` is relative to the file in which it stands"),
-                    );
+                    let meant = set.meant(file, used, store);
+                    sink.push(unread(used, &error, meant.as_deref()));
                 }
             },
         }
@@ -197,11 +203,35 @@ impl Set {
 
     /// The path that a `use` names, seen from where the first file is seen.
     fn path_of(&self, file: usize, used: Use) -> Option<String> {
+        let (folder, path) = self.written(file, used)?;
+        Some(plain(&folder.join(path)))
+    }
+
+    /// The folder of a file, and the path that a `use` in it names.
+    fn written(&self, file: usize, used: Use) -> Option<(&Path, &Path)> {
         let file = self.files.get(file)?;
         let span = used.path?;
         let path = file.text.get(span.start as usize..span.end as usize)?;
         let folder = Path::new(&file.path).parent().unwrap_or(Path::new(""));
-        Some(plain(&folder.join(path)))
+        Some((folder, Path::new(path)))
+    }
+
+    /// The path that may have been meant by one that names no file.
+    fn meant(&self, file: usize, used: Use, store: &dyn Store) -> Option<String> {
+        let (folder, path) = self.written(file, used)?;
+        Some(plain(&store.nearby(folder, path)?))
+    }
+}
+
+/// What is said of a used file that cannot be read.
+fn unread(used: Use, error: &LoadError, meant: Option<&str>) -> Diagnostic {
+    const RULE: &str = "a path in `use` is relative to the file in which it stands";
+    let diagnostic = Diagnostic::new(Code::E013, used.span, error.to_string());
+    match (meant, used.path) {
+        (Some(meant), Some(place)) => diagnostic
+            .hint(format!("{RULE}: did you mean `use \"{meant}\";`?"))
+            .fix(Fix::write(place, meant)),
+        _ => diagnostic.hint(RULE),
     }
 }
 

@@ -1062,6 +1062,67 @@ fn sets_that_are_no_whole() {
     }
 }
 
+/// What somebody does who copies the line of the message must be right.
+#[test]
+fn a_slot_that_the_tasks_of_another_file_lack_is_proposed_as_they_need_it() {
+    const LIBRARY: &str = "task Look slot 3 wcet 4500 us endless { }
+task Move slot 3 wcet 1 ms endless { }
+task Turn slot 3 wcet 2 ms endless { }
+task Rest slot 4 { }";
+    const MISSION: &str = "use \"robot.esm\"; interpreter slot 1;
+slot 1 period 20 ms duration 2 ms;
+machine M { region r { task A: Look; initial -> A; }
+region s { task B: Move; task C: Turn; initial -> B; B -> C [timeout]; } }";
+    let checked = load_texts(&[("m.esm", MISSION), ("robot.esm", LIBRARY)]);
+    let [found] = &errors(&checked).collect::<Vec<_>>()[..] else {
+        panic!("{}", checked.json_lines());
+    };
+    let line = "slot 3 period 40 ms duration 7 ms;";
+    let hint = format!("declare it in your mission: `{line}`");
+    assert_eq!(found.hint.as_deref(), Some(hint.as_str()));
+    let [(user, what)] = &found.related[..] else {
+        panic!("{found:?}");
+    };
+    assert_eq!(what, "the task is used here");
+    let user = checked.position(*user);
+    assert_eq!((user.file, user.line, user.col), (0, 3, 32));
+    let mended = format!("{MISSION}\n{line}");
+    let timed = mended.replace("task B: Move", "task B: Move timeout 1 s");
+    let checked = load_texts(&[("m.esm", timed.as_str()), ("robot.esm", LIBRARY)]);
+    assert!(!checked.has_errors(), "{}", checked.json_lines());
+}
+
+#[test]
+fn the_interpreter_is_offered_a_slot_that_no_task_runs_in() {
+    for (slots, expected) in [
+        (
+            "slot 1 period 10 ms duration 1 ms; slot 2 period 10 ms duration 1 ms;",
+            &[
+                "write `interpreter slot 2;`",
+                "write `interpreter slot 3; slot 3 period 20 ms duration 2 ms;`",
+            ][..],
+        ),
+        (
+            "slot 1 period 10 ms duration 1 ms;",
+            &["write `interpreter slot 2; slot 2 period 20 ms duration 2 ms;`"],
+        ),
+    ] {
+        let text = format!(
+            "task T slot 1 endless {{ }} {slots}\nmachine M {{ region r {{ task A: T; initial -> A; }} }}"
+        );
+        let checked = load_text("case.esm", &text);
+        let [found] = &errors(&checked).collect::<Vec<_>>()[..] else {
+            panic!("{}", checked.json_lines());
+        };
+        let titles: Vec<&str> = found.fixes.iter().map(|fix| fix.title.as_str()).collect();
+        assert_eq!(titles, expected);
+        for fix in &found.fixes {
+            let mended = load_text("case.esm", &fix.apply(&text).unwrap());
+            assert!(!mended.has_errors(), "{}", mended.json_lines());
+        }
+    }
+}
+
 #[test]
 fn a_machine_can_be_demanded() {
     let mut checked = load_text("case.esm", "queue 3;");

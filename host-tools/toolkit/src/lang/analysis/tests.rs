@@ -487,7 +487,8 @@ fn states_without_a_way_out() {
         ("beside an error", machine("state A; state B; task D: Tt; initial -> A; A -> D; D -> B;"), &["W108 2:10", "E002 2:27"]),
 
         ("a superstate around an endless task", used("task A: Ever; initial -> A;", "initial -> S;"), &["W108 4:1"]),
-        ("a state of an unknown task beside an endless one", machine("task A: Ever; task B: Evr; initial -> A; A -> B;"), &["W108 2:15", "E002 2:23"]),
+        ("a state of an unknown task beside an endless one", machine("task A: Ever; task B: Evr; initial -> A; A -> B;"), &["E002 2:23"]),
+        ("a state of a task that may stand in a file that is missing", format!("use \"none.esm\"; {}", machine("task A: None; initial -> A;")), &["E013 1:1"]),
 
         ("an endless task", machine("task A: Ever; initial -> A;"), &[]),
         ("an endless task inside", used("task A: Ever; state B; initial -> B; B -> A;", "initial -> S; S -> S on E;"), &[]),

@@ -634,9 +634,10 @@ impl Warnings<'_> {
                     region: region_index,
                     state: state_index,
                 };
-                let is_excused =
-                    state_holes(holes, state_index).is_twin || self.is_endless(state, id);
-                if has_way_out(id) || is_excused {
+                // What is unknown may be a task that never finishes.
+                let is_unknown =
+                    state_holes(holes, state_index).is_twin || lacks_kind(self.holes, id);
+                if has_way_out(id) || is_unknown || self.is_endless(state) {
                     continue;
                 }
                 sink.push(self.dead_end(state, container, &around));
@@ -645,9 +646,9 @@ impl Warnings<'_> {
     }
 
     /// Whether a state's task never finishes, so that it needs no way out.
-    fn is_endless(&self, state: &State, id: StateId) -> bool {
+    fn is_endless(&self, state: &State) -> bool {
         match state.kind {
-            StateKind::Task { task, .. } if !lacks_kind(self.holes, id) => {
+            StateKind::Task { task, .. } => {
                 self.model.tasks.get(task).is_some_and(|task| task.endless)
             }
             _ => false,

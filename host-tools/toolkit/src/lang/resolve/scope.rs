@@ -246,6 +246,17 @@ impl<'f, 's> Names<'f, 's> {
 
     /// Reports an unknown name. Of a word that cannot be a name that is reported already.
     pub(super) fn unknown(&mut self, name: Name, what: &str, cure: impl Into<Cure>) {
+        self.unknown_related(name, what, cure, None);
+    }
+
+    /// As [`Names::unknown`], with another place that has to do with it.
+    pub(super) fn unknown_related(
+        &mut self,
+        name: Name,
+        what: &str,
+        cure: impl Into<Cure>,
+        related: Option<(Span, &str)>,
+    ) {
         let text = self.text(name.0);
         if Lexer::new(text).next_token().kind.is_no_name() {
             return;
@@ -255,6 +266,9 @@ impl<'f, 's> Names<'f, 's> {
             Diagnostic::new(Code::E002, name.0, format!("unknown {what} `{text}`"));
         if let Some(hint) = cure.hint {
             diagnostic = diagnostic.hint(hint);
+        }
+        if let Some((place, why)) = related {
+            diagnostic = diagnostic.related(place, why);
         }
         diagnostic.fixes = cure.fixes;
         self.report(diagnostic);

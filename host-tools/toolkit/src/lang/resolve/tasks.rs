@@ -1,18 +1,18 @@
 //! Tasks: ports, parameters, attributes.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use crate::lang::analysis::holes::TaskHoles;
 use crate::lang::diagnostic::{Code, Diagnostic, Fix};
 use crate::lang::parser::excerpt;
 use crate::lang::references::Undeclared;
-use crate::lang::tree::{self, Given, Literal};
+use crate::lang::tree::{self, Given, Literal, Number};
 use crate::model::{Direction, Model, Param, ParamType, SlotRef, Task, Value};
 
 use super::declarations::{Trees, declare_data, declare_flags};
 use super::literals::{self, Misfit, Written};
 use super::scope::{Names, Scope};
-use super::slots::SlotTable;
+use super::slots::{SlotDemand, SlotTable};
 
 /// The name space of tasks, and what else is known of each than its model.
 pub(super) struct TaskTable<'f> {
@@ -76,31 +76,66 @@ impl<'f> TaskTable<'f> {
     /// Reports slots that are not declared, at the first task that is used and names one. A
     /// library's tasks name slots of their own; those that a mission does not use cost it nothing.
     fn report_unknown_slots(&self, set: &Trees<'f>, slots: &SlotTable, names: &mut Names<'f, '_>) {
-        let states = set
+        let wanted: HashMap<&str, (Number, u32)> = self.wanted_slots(set, names);
+        if wanted.is_empty() {
+            return;
+        }
+        let mut demands: HashMap<u32, SlotDemand> = HashMap::new();
+        let mut used: HashSet<&str> = HashSet::new();
+        let regions = set
             .trees
             .iter()
             .flat_map(|file| &file.containers)
-            .flat_map(|container| &container.regions)
-            .flat_map(|region| &region.states);
-        let used: HashSet<&str> = states
-            .filter_map(|state| match state.kind {
-                tree::StateKind::Task { task, .. } => task,
-                _ => None,
-            })
-            .map(|name| names.text(name.0))
-            .collect();
-        let trees = set.trees.iter().flat_map(|file| &file.tasks);
-        for (index, (tree, facts)) in trees.zip(&self.facts).enumerate() {
-            let (Some(name), Given::Value(number), Given::Broken) =
-                (tree.name, tree.slot, facts.slot)
-            else {
-                continue;
-            };
-            let name = names.text(name.0);
-            if used.contains(name) && self.names.is_first(name, index) {
-                slots.report_unknown(number, names);
+            .flat_map(|container| &container.regions);
+        for (region_index, region) in regions.enumerate() {
+            for state in &region.states {
+                let tree::StateKind::Task {
+                    task: Some(task), ..
+                } = state.kind
+                else {
+                    continue;
+                };
+                let name = names.text(task.0);
+                let Some(&(number, wcet_us)) = wanted.get(name) else {
+                    continue;
+                };
+                used.insert(name);
+                demands
+                    .entry(number.value)
+                    .or_insert_with(|| SlotDemand::new(task.0))
+                    .add(region_index, wcet_us);
             }
         }
+        let trees = set.trees.iter().flat_map(|file| &file.tasks);
+        for name in trees.filter_map(|tree| tree.name) {
+            let name = names.text(name.0);
+            if let Some(&(number, _)) = wanted.get(name)
+                && used.contains(name)
+            {
+                slots.report_unknown(number, demands.get(&number.value), names);
+            }
+        }
+    }
+
+    /// By name, the tasks whose slots are not declared: the slot and the worst execution time.
+    fn wanted_slots(
+        &self,
+        set: &Trees<'f>,
+        names: &Names<'f, '_>,
+    ) -> HashMap<&'f str, (Number, u32)> {
+        let trees = set.trees.iter().flat_map(|file| &file.tasks);
+        let mut wanted = HashMap::new();
+        for (index, (tree, facts)) in trees.zip(&self.facts).enumerate() {
+            if let (Some(name), Given::Value(number), Given::Broken) =
+                (tree.name, tree.slot, facts.slot)
+            {
+                let name = names.text(name.0);
+                if self.names.is_first(name, index) {
+                    wanted.insert(name, (number, tree.wcet_us.value().unwrap_or(0)));
+                }
+            }
+        }
+        wanted
     }
 
     /// What is not known of each task.
