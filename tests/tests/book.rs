@@ -262,6 +262,51 @@ fn the_page_of_the_tasks_is_what_the_declarations_make() {
     );
 }
 
+/// What a type is made of, as its section in the chapter on types has it: `name:type` for each row.
+fn fields_in_the_chapter(chapter: &str, type_name: &str) -> String {
+    let heading = format!("\n## {type_name}\n");
+    let (_, behind) = chapter.split_once(&heading).unwrap_or_else(|| {
+        panic!("the chapter on types has no section on {type_name}");
+    });
+    let section = behind.split("\n## ").next().unwrap();
+    let rows = section.lines().filter(|line| line.starts_with("| `"));
+    rows.map(|row| {
+        let mut cells = row.split('|').map(|cell| cell.trim().trim_matches('`'));
+        let (name, kind) = (cells.nth(1).unwrap(), cells.next().unwrap());
+        format!("{name}:{kind}\n")
+    })
+    .collect()
+}
+
+#[test]
+fn the_chapter_on_types_has_the_fields_of_the_code() {
+    use rt_firmware::PortType;
+    use rt_firmware::tasks::{Battery, Line, Pose, Ranges, Twist, WheelSpeeds};
+
+    let chapter = read("docs/src/types.md");
+    let types = [
+        (Pose::NAME, Pose::FIELDS),
+        (Twist::NAME, Twist::FIELDS),
+        (WheelSpeeds::NAME, WheelSpeeds::FIELDS),
+        (Ranges::NAME, Ranges::FIELDS),
+        (Battery::NAME, Battery::FIELDS),
+        (Line::NAME, Line::FIELDS),
+    ];
+    for (name, fields) in types {
+        assert_eq!(fields_in_the_chapter(&chapter, name), fields, "{name}");
+    }
+    // No task has a port of a type that the chapter leaves out.
+    let mut checked = lang::load(&root().join("missions/rover.esm")).unwrap();
+    let model = checked.model.take().unwrap();
+    let ports = model.tasks.iter().flat_map(|task| &task.data);
+    for port in ports {
+        let name = port.type_name.as_str();
+        let is_number = matches!(name, "bool" | "i32" | "u32" | "f32");
+        let is_listed = types.iter().any(|(known, _)| *known == name);
+        assert!(is_number || is_listed, "{name}");
+    }
+}
+
 #[test]
 fn the_schedules_of_the_book_are_what_schedule_shows() {
     let folder = tempfile::tempdir().unwrap();

@@ -63,6 +63,6 @@ fn the_declarations_that_the_mission_uses_are_those_of_the_firmware() {
     assert_eq!(
         declared(kept),
         declared(&String::from_utf8_lossy(&output.stdout)),
-        "update tasks.esm: cargo run -- tasks --board host > tasks.esm"
+        "update tasks.esm: cargo run -- tasks --board host -o tasks.esm"
     );
 }
