@@ -110,6 +110,56 @@ fn what_cannot_be_had_again_is_never_replaced() {
     }
 }
 
+/// A file of declarations is what a mission rests on.
+#[test]
+fn declarations_are_replaced_when_they_are_all_here_and_nothing_else_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let first = "tasks --board host -o tasks.esm";
+    assert_eq!(esm(folder, first).0, 0);
+    let printed = fs::read_to_string(folder.join("tasks.esm")).unwrap();
+    assert!(printed.contains("\ntask Odometry slot 2 "), "{printed}");
+    // Older declarations go when new ones are here, and only then.
+    fs::write(folder.join("tasks.esm"), "// The tasks of yesterday\n").unwrap();
+    let (status, told) = esm(folder, "tasks --port unix:nobody -o tasks.esm");
+    assert_eq!(status, 3, "{told}");
+    let kept = fs::read_to_string(folder.join("tasks.esm")).unwrap();
+    assert_eq!(kept, "// The tasks of yesterday\n");
+    assert_eq!(esm(folder, first).0, 0);
+    let again = fs::read_to_string(folder.join("tasks.esm")).unwrap();
+    assert_eq!(again, printed);
+    // A person's own file is no output.
+    fs::write(folder.join("mine.esm"), MISSION).unwrap();
+    let (status, told) = esm(folder, "tasks --board host -o mine.esm");
+    assert_eq!(status, 2, "{told}");
+    assert!(told.contains("name another file"), "{told}");
+    let mine = fs::read_to_string(folder.join("mine.esm")).unwrap();
+    assert_eq!(mine, MISSION);
+}
+
+/// Where a run ended is in numbers what its picture shows.
+#[test]
+fn a_run_says_where_it_ended_and_what_file_was_meant() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("m.esm"), MISSION).unwrap();
+    let (status, told) = esm(folder, "run m.esm --board host --until 50ms --out o");
+    assert_eq!(status, 0, "{told}");
+    let text = fs::read_to_string(folder.join("o/summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let end = &summary["end"];
+    for key in ["x_m", "y_m", "heading_deg"] {
+        assert!(end[key].is_f64(), "{key}: {text}");
+    }
+    // It has not moved.
+    assert_eq!(end["from_start_m"], 0.0, "{text}");
+    assert_eq!(end["turned_deg"], 0.0, "{text}");
+    assert!(summary.get("interrupted").is_none(), "{text}");
+    let (status, told) = esm(folder, "run n.esm --board host --until 50ms");
+    assert_eq!(status, 1, "{told}");
+    assert!(told.contains("; did you mean `m.esm`?"), "{told}");
+}
+
 #[test]
 fn a_run_that_is_refused_leaves_no_files_and_empties_none() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,7 +1,8 @@
 //! `esm tasks`: what a firmware can do.
 
 use std::fmt::Write as _;
-use std::io::Write;
+use std::fs::File;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
@@ -84,9 +85,12 @@ pub fn execute(
             .to_string_lossy();
         return write_page(&checked, &name, args.page.as_deref(), console);
     }
+    if let Some(output) = &args.output {
+        keep_other_text(output)?;
+    }
     let (text, origin) = declarations(args, robot, console)?;
     if args.page.is_none() {
-        let text = format!("// The tasks of {origin}, as `esm tasks` printed them.\n{text}");
+        let text = format!("{MARK}{origin}, as `esm tasks` printed them.\n{text}");
         return match &args.output {
             Some(path) => file::write_whole(path, text.as_bytes(), "declarations"),
             None => console
@@ -98,6 +102,31 @@ pub fn execute(
     let checked = lang::load_text("tasks.esm", &text);
     mission::tell(&checked, Audience::Person, console)?;
     write_page(&checked, &origin, args.page.as_deref(), console)
+}
+
+/// How what the command prints begins.
+const MARK: &str = "// The tasks of ";
+
+/// Refuses to write over a file that this command has not written.
+///
+/// # Errors
+/// If such a file is there: then the command line is wrong.
+fn keep_other_text(output: &Path) -> Result<(), CommandError> {
+    let mut beginning = [0; MARK.len()];
+    // What is not there or is no file cannot be lost; what cannot be read is not written over.
+    if !output.is_file() {
+        return Ok(());
+    }
+    let is_ours = File::open(output)
+        .and_then(|mut file| file.read_exact(&mut beginning))
+        .is_ok_and(|()| beginning == *MARK.as_bytes());
+    if is_ours {
+        return Ok(());
+    }
+    Err(CommandError::Usage(anyhow!(
+        "{} would be overwritten, and `esm tasks` has not written it: name another file",
+        output.display()
+    )))
 }
 
 /// What a robot declares, and which robot it is.
