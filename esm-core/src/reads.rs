@@ -120,6 +120,15 @@ pub(crate) mod access {
         fn window(arena: &[u32], part: Self::Part, at: usize) -> u32;
         /// Clears `count` bits of the arena, at most 25, from bit `at` on.
         fn clear_window(arena: &mut [u32], part: Self::Part, at: usize, count: u32);
+        /// Writes the bits of the arena that are set in `written`, all among its lowest 25, from
+        /// bit `at` on, as they are in `values`. Returns whether one changed.
+        fn write_window(
+            arena: &mut [u32],
+            part: Self::Part,
+            at: usize,
+            written: u32,
+            values: u32,
+        ) -> bool;
     }
 }
 
@@ -221,6 +230,20 @@ impl access::Access for Checked {
         if let Some(word) = arena.get_mut(index + 1) {
             *word &= !((mask >> WORD_BITS) as u32);
         }
+    }
+
+    #[inline(always)]
+    fn write_window(arena: &mut [u32], part: usize, at: usize, written: u32, values: u32) -> bool {
+        let before = Self::window(arena, part, at);
+        let index = part + at / WORD_BITS;
+        let changed = u64::from((before ^ values) & written) << (at % WORD_BITS);
+        if let Some(word) = arena.get_mut(index) {
+            *word ^= changed as u32;
+        }
+        if let Some(word) = arena.get_mut(index + 1) {
+            *word ^= (changed >> WORD_BITS) as u32;
+        }
+        changed != 0
     }
 }
 
@@ -400,6 +423,25 @@ mod unchecked {
             let mask = ((1u32 << count) - 1) << (at % 8);
             // SAFETY: as above.
             unsafe { place.write_unaligned(place.read_unaligned() & !mask) }
+        }
+
+        #[inline(always)]
+        fn write_window(
+            arena: &mut [u32],
+            part: Word,
+            at: usize,
+            written: u32,
+            values: u32,
+        ) -> bool {
+            debug_assert!(written >> WINDOW_BITS == 0);
+            let place = in_arena_mut::<u32>(arena, part, at / 8);
+            let shift = at % 8;
+            // SAFETY: as above.
+            let before = unsafe { place.read_unaligned() };
+            let changed = (before ^ values << shift) & written << shift;
+            // SAFETY: as above.
+            unsafe { place.write_unaligned(before ^ changed) }
+            changed != 0
         }
     }
 }

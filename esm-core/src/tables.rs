@@ -279,8 +279,8 @@ pub struct TaskPlaces {
     /// First bit of its flag block: exit, timeout, busy, control flags in the order of the
     /// signature.
     pub first_flag: u16,
-    /// Length of that block.
-    pub flags: u16,
+    /// Which of the first 16 control flags it has: one bit each, the first in the lowest.
+    pub control_flags: u16,
     /// [`TaskState::first_param`].
     pub first_param: u16,
     /// [`TaskInstance::first_connection`].
@@ -945,9 +945,11 @@ impl<'a> Tables<'a> {
         let instance: &layout::TaskInstance = self.record(task_instance)?;
         let state: &layout::State = self.record(instance.state.get())?;
         let task_state: &layout::TaskState = self.record(instance.task_state.get())?;
+        let flags = usize::from(state.shape.get() & format::STATE_FLAGS_MASK);
+        let control_flags = flags.saturating_sub(format::TASK_CONTROL_FLAGS).min(16);
         Some(TaskPlaces {
             first_flag: instance.first_flag.get() as u16,
-            flags: state.shape.get() & format::STATE_FLAGS_MASK,
+            control_flags: ((1u32 << control_flags) - 1) as u16,
             first_param: task_state.first_param.get() as u16,
             first_connection: instance.first_connection.get() as u16,
             region: instance.region.get() as u16,

@@ -1,6 +1,9 @@
 //! The player as a mission that the interpreter runs. A button is a flag of the panel's task: the
 //! pulse turns it into an event, and the event moves the player, both in one macro step.
 
+use core::hint;
+
+use esm_core::tables::TaskPlaces;
 use esm_core::{Interpreter, Observer, TransitionTaken};
 
 use crate::{Button, Counters, Player};
@@ -28,6 +31,8 @@ pub const PANEL: usize = 0;
 /// The player.
 pub struct Machine<'m, 'c> {
     interpreter: Interpreter<'m, &'m [u8]>,
+    /// Found when the mission was taken, as a firmware does it for each of its tasks.
+    panel: TaskPlaces,
     counters: &'c TransitionCounters,
 }
 
@@ -35,8 +40,11 @@ impl<'m, 'c> Machine<'m, 'c> {
     /// The machine that `interpreter` runs.
     #[must_use]
     pub fn new(interpreter: Interpreter<'m, &'m [u8]>, counters: &'c TransitionCounters) -> Self {
+        let panel = interpreter.tables().task_places(PANEL).unwrap_or_default();
         Self {
             interpreter,
+            // Not to be computed while this is compiled.
+            panel: hint::black_box(panel),
             counters,
         }
     }
@@ -44,7 +52,8 @@ impl<'m, 'c> Machine<'m, 'c> {
     /// Sets a flag of the panel, or clears it.
     #[inline(always)]
     pub fn set(&mut self, flag: usize, value: bool) {
-        self.interpreter.set_flag(PANEL, flag, value);
+        let values = if value { u16::MAX } else { 0 };
+        self.interpreter.set_flags_at(&self.panel, 1 << flag, values);
     }
 
     /// One macro step.

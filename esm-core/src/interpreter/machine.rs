@@ -9,7 +9,7 @@ use crate::arena::{ArenaLayout, WORD_BITS};
 use crate::format::{self, Section};
 use crate::layout::{Field, mission, region_instance, slot, state, task_instance};
 use crate::reads::{Checked, access::Access};
-use crate::tables::{Tables, TaskPlaces, record_bytes};
+use crate::tables::{Tables, record_bytes};
 
 /// The blob that a machine runs, borrowed.
 pub(super) type Blob<'b, R> = <R as Access>::Blob<'b>;
@@ -370,15 +370,16 @@ impl<'m, R: Access> Machine<'m, R> {
         }
     }
 
-    /// Writes a bit of the flag block with these places, which need not come from this machine's
-    /// tables.
-    #[inline(never)]
-    pub(super) fn write_flag_at(&mut self, places: &TaskPlaces, flag: usize, value: bool) {
-        let bit = usize::from(places.first_flag) + flag;
-        let region = usize::from(places.region);
-        let is_inside = bit < self.layout.flag_bits && region < self.layout.regions;
-        if flag < usize::from(places.flags) && is_inside {
-            self.write_flag(bit, region, value);
+    /// Writes some of the flags from `first` on, 16 at most: those whose bit is set in `written`
+    /// become what it is in `values`. If one changes, it wakes the region that they belong to.
+    /// First flag and region need not be this machine's.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn write_flags(&mut self, first: usize, region: u16, written: u32, values: u32) {
+        let region = usize::from(region);
+        // Behind the flags other words follow: so a window that begins in them is in the arena.
+        let is_inside = first < self.layout.flag_bits && region < self.layout.regions;
+        if is_inside && R::write_window(self.arena, self.places.flags, first, written, values) {
+            self.set_awake(self.here(region), true);
         }
     }
 

@@ -134,11 +134,10 @@ fn region_of_task_flag(tables: &Tables<'_>, tasks: usize, bit: usize) -> Option<
             false => end = middle,
         }
     }
-    let places = tables.task_places(first)?;
-    let own = usize::from(places.first_flag);
-    (own..own + usize::from(places.flags))
+    let (own, flags) = tables.flags_of_task(first)?;
+    (own..own + flags)
         .contains(&bit)
-        .then(|| usize::from(places.region))
+        .then(|| tables.task_instance(first).map(|it| it.region))?
 }
 
 /// The first region instance whose current state, in the words of an arena, is none of its region.

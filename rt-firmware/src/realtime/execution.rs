@@ -14,9 +14,6 @@ use crate::task::{MAX_PARAMS, Step};
 use esm_link::black_box::Event;
 use esm_link::trace::TraceEvent;
 
-/// Flags of a task's block that are no control flags: exit, timeout, busy.
-const TASK_CONTROL_FLAGS: u16 = esm_core::format::TASK_CONTROL_FLAGS as u16;
-
 impl RealTime<'_, '_> {
     /// Executes the enabled tasks of a slot, from the one on that was
     /// [prepared](Self::prepare_task), in an activation that [began](crate::Executor::begin) at
@@ -74,7 +71,7 @@ impl RealTime<'_, '_> {
             return false;
         }
         let inputs = self.executor.inputs();
-        if record.places.flags > TASK_CONTROL_FLAGS {
+        if record.places.control_flags != 0 {
             inputs.flags = interpreter.control_flags_at(&record.places);
         }
         let count = record.binding.param_count();
@@ -190,10 +187,7 @@ pub(super) fn apply_flags(
     places: &TaskPlaces,
     flags: FlagChanges,
 ) {
-    let mut written = flags.written;
-    while written != 0 {
-        let flag = written.trailing_zeros();
-        written &= written - 1;
-        interpreter.set_flag_at(places, flag as usize, flags.values >> flag & 1 != 0);
+    if flags.written != 0 {
+        interpreter.set_flags_at(places, flags.written, flags.values);
     }
 }

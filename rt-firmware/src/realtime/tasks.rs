@@ -54,7 +54,7 @@ impl TaskEntry {
         binding: Binding::NONE,
         places: TaskPlaces {
             first_flag: 0,
-            flags: 0,
+            control_flags: 0,
             first_param: 0,
             first_connection: 0,
             region: 0,
