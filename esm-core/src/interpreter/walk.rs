@@ -16,6 +16,7 @@
 //! is inlined by order, what is rare is apart by order, and [`load_anew`] says what is not to be
 //! kept on the stack.
 
+use core::num::NonZeroU32;
 use core::sync::atomic::{Ordering, compiler_fence};
 
 use super::events::{Fault, MAX_MICRO_STEPS, Observer, TransitionTaken};
@@ -48,15 +49,13 @@ fn load_anew() {
     compiler_fence(Ordering::SeqCst);
 }
 
-/// Takes the first region instance from those of a word that are to be visited.
+/// The first region instance of those of a word that are to be visited.
 #[cfg_attr(feature = "speed", inline(always))]
-fn take_first<P: Copy>(word: Word<P>, visit: &mut u32) -> Here<P> {
+fn first_of<P: Copy>(word: Word<P>, visit: NonZeroU32) -> Here<P> {
     let offset = visit.leading_zeros();
-    let bit = FIRST >> offset;
-    *visit ^= bit;
     Here {
         region: word.first + offset as usize,
-        bit,
+        bit: FIRST >> offset,
         marks: word.marks,
     }
 }
@@ -112,7 +111,7 @@ impl<R: Access> Machine<'_, R> {
         let mut word = self.word_of(0);
         let mut visit = self.woken(word);
         loop {
-            if visit == 0 {
+            let Some(left) = NonZeroU32::new(visit) else {
                 word.first += WORD_BITS;
                 if word.first >= self.layout.regions {
                     return Ok(());
@@ -120,9 +119,10 @@ impl<R: Access> Machine<'_, R> {
                 word.marks = R::further(word.marks, 2);
                 visit = self.woken(word);
                 continue;
-            }
+            };
             load_anew();
-            let here = take_first(word, &mut visit);
+            let here = first_of(word, left);
+            visit ^= here.bit;
             if let Some(next) = self.visit_on_pulse(blob, here, observer)? {
                 if next >= self.layout.regions {
                     return Ok(());
@@ -160,6 +160,7 @@ impl<R: Access> Machine<'_, R> {
         loop {
             while let Some((here, current)) = self.next_waiting(blob, word, waits, &mut visit) {
                 load_anew();
+                visit &= !here.bit;
                 let event = self.field(blob, sent, channel::EVENT) as u16;
                 if let Some(next) = self.visit_on_event(blob, here, current, event, observer)? {
                     word = self.word_of(next);
@@ -194,12 +195,13 @@ impl<R: Access> Machine<'_, R> {
         waits: u32,
         visit: &mut u32,
     ) -> Option<(Here<R::Part>, R::Place)> {
-        while *visit != 0 {
-            let here = take_first(word, visit);
+        while let Some(left) = NonZeroU32::new(*visit) {
+            let here = first_of(word, left);
             let current = self.current_record(here.region);
             if self.events(blob, current) & waits != 0 {
                 return Some((here, current));
             }
+            *visit &= !here.bit;
         }
         None
     }
