@@ -646,7 +646,12 @@ pub struct FlagChanges {
     pub values: u16,
 }
 
-const WRONG_HANDLE: &str = "this handle belongs to another task type";
+/// A handle belongs to another task type.
+#[cold]
+#[inline(never)]
+fn wrong_handle() -> ! {
+    panic!("this handle belongs to another task type")
+}
 
 impl<'a> Io<'a> {
     /// The value of a port, if it has one, and the handle is one of the task's.
@@ -655,11 +660,13 @@ impl<'a> Io<'a> {
         let index = usize::from(index);
         let (Some(port), Some(value)) = (self.state.ports.get(index), self.state.values.get(index))
         else {
-            panic!("{}", WRONG_HANDLE)
+            wrong_handle()
         };
         let is_right =
             (port.direction == Direction::In) == is_input && port.kind.is(ValueKind::of::<V>());
-        assert!(is_right, "{}", WRONG_HANDLE);
+        if !is_right {
+            wrong_handle();
+        }
         // SAFETY: the value was found to be of the port's kind (invariant 4), which is that of `V`;
         // its buffer is in a bank that outlives the executor or background run.
         value.map(|value| unsafe { value_in(value) })
@@ -686,7 +693,7 @@ impl<'a> Io<'a> {
     /// The value on an input.
     pub fn read<V: PortType>(&self, port: In<V>) -> &'a V {
         let Some(value) = self.readable(port.index) else {
-            panic!("{}", WRONG_HANDLE)
+            wrong_handle()
         };
         value
     }
@@ -701,7 +708,7 @@ impl<'a> Io<'a> {
     /// net.
     pub fn write<V: PortType>(&mut self, port: Out<V>) -> &mut V {
         let Some(value) = self.writable(port.index) else {
-            panic!("{}", WRONG_HANDLE)
+            wrong_handle()
         };
         value
     }
@@ -709,7 +716,7 @@ impl<'a> Io<'a> {
     /// The value on an `inout` port, to be changed and, when the step ends, published again.
     pub fn update<V: PortType>(&mut self, port: InOut<V>) -> &mut V {
         let Some(value) = self.writable(port.index) else {
-            panic!("{}", WRONG_HANDLE)
+            wrong_handle()
         };
         value
     }
@@ -1382,14 +1389,16 @@ impl<'m> Executor<'m> {
     /// [`end_step`](Self::end_step).
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn run(&mut self) -> Option<Step> {
-        let Call { task, enter } = self.call.take()?;
+        let Call { task, enter } = self.call?;
         let mut io = Io {
             state: &mut self.state,
         };
         // SAFETY: the pointer is of a task of this executor's banks (invariant 5), which owns it
         // (invariant 1). It is not lent: it was not when it was prepared, and lending takes that
         // back.
-        Some(unsafe { (task.step)(task.place, enter, &mut io) })
+        let step = unsafe { (task.step)(task.place, enter, &mut io) };
+        self.call = None;
+        Some(step)
     }
 
     /// Publishes what the task wrote that was executed last, and tells what else it said, if it

@@ -16,7 +16,7 @@ use esm_core::{Fault, dispatcher};
 
 use super::running::{Activation, Next, Origin};
 use super::slots::SlotEntry;
-use super::tasks::NONE;
+use super::tasks::instance_of;
 use super::trace::StepObserver;
 use super::{IDLE_POLL_US, RealTime};
 use crate::board::{ActivationStart, Board, ticks};
@@ -56,42 +56,84 @@ impl RealTime<'_, '_> {
         if let Err(reason) = board.begin_activation(&start) {
             return self.begin_in_vain(board, &start, delay_ticks, reason);
         }
-        let instance = self.next.instance;
-        if instance != NONE {
-            self.execute_tasks(board, instance, now_ticks, self.next.duration_us);
+        if let Some(instance) = self.next.instance {
+            let slot = self.dispatcher.next().slot;
+            self.execute_tasks(board, instance, now_ticks, self.duration_us(slot));
+            // A background run may lack what a task has just published.
+            if self.tasks.look_for_runs() || self.failure.is_some() {
+                self.heartbeats.attention.set();
+            }
         }
-        let taken = self.dispatcher.near();
-        let next = if SPEED {
+        let both = if SPEED {
             self.dispatcher.take_near()
         } else {
             None
         };
-        let Some(next) = next else {
+        let Some((taken, next)) = both else {
             return self.end_far(board, now_ticks, delay_ticks);
         };
-        let wait_us = next.since_us - taken.since_us;
         self.next.ended += 1;
-        self.next.wait_us = wait_us;
-        self.next.before_us = self.next.duration_us;
-        let mut may_have_failed = instance != NONE;
-        if self.from_background.ready() || instance != NONE && self.tasks.look_for_runs() {
-            self.change_jobs_near(taken.slot);
-            may_have_failed = true;
+        self.next.before = taken;
+        if self.heartbeats.attention.is_set() {
+            return self.end_attentively(board, now_ticks, delay_ticks, (taken, next));
         }
         let ended_ticks = board.now_low_ticks();
-        let took_ticks = ended_ticks.wrapping_sub(now_ticks);
-        self.count_time(took_ticks);
-        self.count_execution(board, taken.slot, delay_ticks, took_ticks);
-        if may_have_failed {
-            self.look_for_failure(board);
-        }
-        if self.from_link.ready()
-            || wait_us > NEAR_US
-            || !self.look_up_near::<B>(&next, ended_ticks)
-        {
+        self.count(
+            board,
+            taken,
+            delay_ticks,
+            ended_ticks.wrapping_sub(now_ticks),
+        );
+        if !self.look_up_near::<B>(taken, next, ended_ticks) {
             return self.go_on(board, true);
         }
         self.next_start_ticks::<B>()
+    }
+
+    /// Ends an activation that was looked up after which more is to be looked at than the next one.
+    #[cold]
+    #[inline(never)]
+    fn end_attentively<B: Board>(
+        &mut self,
+        board: &mut B,
+        began_ticks: u32,
+        delay_ticks: u32,
+        (taken, next): (Near, Near),
+    ) -> u64 {
+        self.heartbeats.attention.take_back();
+        if self.from_background.ready()
+            || self.next.instance.is_some() && self.tasks.look_for_runs()
+        {
+            self.settle();
+            let start_us = self.dispatcher.base_us() + u64::from(taken.since_us());
+            self.change_runs(taken.slot(), start_us);
+        }
+        let ended_ticks = board.now_low_ticks();
+        self.count(
+            board,
+            taken,
+            delay_ticks,
+            ended_ticks.wrapping_sub(began_ticks),
+        );
+        self.look_for_failure(board);
+        if self.from_link.ready() || !self.look_up_near::<B>(taken, next, ended_ticks) {
+            return self.go_on(board, true);
+        }
+        self.next_start_ticks::<B>()
+    }
+
+    /// Counts an activation that was looked up.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn count<B: Board>(&mut self, board: &mut B, taken: Near, delay_ticks: u32, took_ticks: u32) {
+        self.count_time(took_ticks);
+        self.count_execution(board, taken.slot(), delay_ticks, took_ticks);
+    }
+
+    /// Duration of a slot in microseconds.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn duration_us(&self, slot: usize) -> u32 {
+        let slot = self.tasks.lists.slots.get(slot);
+        slot.map_or(0, SlotEntry::duration_us)
     }
 
     /// When the activation starts that was looked up. A board that asks for the low half alone does
@@ -99,29 +141,21 @@ impl RealTime<'_, '_> {
     #[cfg_attr(feature = "speed", inline(always))]
     fn next_start_ticks<B: Board>(&self) -> u64 {
         const LOW: u64 = u32::MAX as u64;
-        let whole = self.mission.as_ref().map_or(0, |mission| {
-            mission.origin.ticks + ticks::<B>(self.dispatcher.next().start_us)
-        });
+        let whole = match &self.mission {
+            Some(mission) => mission.origin.ticks + ticks::<B>(self.dispatcher.next().start_us),
+            None => 0,
+        };
         whole & !LOW | u64::from(self.next.start_ticks)
-    }
-
-    /// Changes background runs in an activation that was looked up.
-    #[inline(never)]
-    fn change_jobs_near(&mut self, slot: usize) {
-        self.settle();
-        let next_us = self.dispatcher.next().start_us;
-        self.change_runs(slot, next_us.saturating_sub(self.next.wait_us.into()));
     }
 
     /// Ends an activation of a slot whose next start is far away.
     #[cold]
     #[inline(never)]
     fn end_far<B: Board>(&mut self, board: &mut B, began_ticks: u32, delay_ticks: u32) -> u64 {
-        let duration_us = self.next.duration_us;
         self.settle();
         let taken = self.dispatcher.next();
         self.dispatcher.take_on_time();
-        self.end(taken.start_us, duration_us);
+        self.end(taken.start_us, self.duration_us(taken.slot));
         if self.from_background.ready() || self.tasks.look_for_runs() {
             self.change_runs(taken.slot, taken.start_us);
         }
@@ -148,7 +182,7 @@ impl RealTime<'_, '_> {
         let since_us = origin.us + start_us;
         let previous_end_us = match self.next.ended {
             0 => self.previous_end_us,
-            _ => since_us - u64::from(self.next.wait_us) + u64::from(self.next.before_us),
+            _ => origin.us + self.before_end_us(),
         };
         ActivationStart {
             slot,
@@ -170,11 +204,10 @@ impl RealTime<'_, '_> {
         delay_ticks: u32,
         reason: SafeReason,
     ) -> u64 {
-        let duration_us = self.next.duration_us;
         self.settle();
         let taken = self.dispatcher.next();
         self.dispatcher.take_on_time();
-        self.end(taken.start_us, duration_us);
+        self.end(taken.start_us, self.duration_us(taken.slot));
         self.count_delay::<B>(delay_ticks);
         self.fail_safe(board, reason);
         self.count_time(
@@ -204,46 +237,53 @@ impl RealTime<'_, '_> {
         }
     }
 
+    /// Nominal end of the activation before the one that was looked up, since the origin.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn before_end_us(&self) -> u64 {
+        let before = self.next.before;
+        let start_us = self.dispatcher.base_us() + u64::from(before.since_us());
+        start_us + u64::from(self.duration_us(before.slot()))
+    }
+
     /// Works out what was counted in 32 bits of the activations that were looked up: as long as the
     /// dispatcher's next one is what they left.
     pub(super) fn settle(&mut self) {
         let ended = core::mem::take(&mut self.next.ended);
-        if SPEED
-            && ended != 0
-            && let Some(mission) = &mut self.mission
-        {
-            mission.activations += u64::from(ended);
-            let start_us = self.dispatcher.next().start_us;
-            let before_us = start_us.saturating_sub(self.next.wait_us.into());
-            self.previous_end_us = mission.robot_us(before_us) + u64::from(self.next.before_us);
+        if SPEED && ended != 0 {
+            let end_us = self.before_end_us();
+            if let Some(mission) = &mut self.mission {
+                mission.activations += u64::from(ended);
+                self.previous_end_us = mission.robot_us(end_us);
+            }
         }
     }
 
-    /// Looks up the next activation after one that was on time and was looked up itself. False if
-    /// it is due already, may be the first of another mission, or if the whole clock was not looked
-    /// at for long.
+    /// Looks up the next activation after this one, which was on time and was looked up itself.
+    /// False if it is due already or far away, may be the first of another mission, or if the whole
+    /// clock was not looked at for long.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn look_up_near<B: Board>(&mut self, next: &Near, now_ticks: u32) -> bool {
-        if next.since_us >= self.next.look_us {
+    fn look_up_near<B: Board>(&mut self, taken: Near, next: Near, now_ticks: u32) -> bool {
+        let since_us = next.since_us();
+        if since_us - taken.since_us() > NEAR_US || since_us >= self.next.look_us {
             return false;
         }
-        let since_ticks = next.since_us.wrapping_mul(B::TICKS_PER_US);
+        let since_ticks = since_us.wrapping_mul(B::TICKS_PER_US);
         let start_ticks = self.next.base_ticks.wrapping_add(since_ticks);
         if start_ticks.wrapping_sub(now_ticks) as i32 <= 0 {
             return false;
         }
         self.next.start_ticks = start_ticks;
-        if next.slot == self.next.interpreter_slot {
+        let slot = next.slot();
+        if slot == self.next.interpreter_slot {
             self.next.window_ticks = 0;
             return !self.may_change_mission();
         }
-        let Some(entry) = self.tasks.lists.slots.get(next.slot) else {
+        let Some(entry) = self.tasks.lists.slots.get(slot) else {
             return false;
         };
-        self.next.duration_us = entry.duration_us();
-        self.next.instance = entry.first_enabled();
-        if self.next.instance != NONE && !self.prepare_first(next.slot) {
-            self.next.window_ticks = 0;
+        self.next.instance = instance_of(entry.first_enabled());
+        if self.next.instance.is_some() {
+            self.prepare_first(slot);
         }
         true
     }
@@ -275,21 +315,21 @@ impl RealTime<'_, '_> {
         self.next = Next {
             start_ticks: start_ticks as u32,
             window_ticks: mission_window::<B>(self.shortest_period_us),
-            duration_us: entry.duration_us(),
             base_ticks: base_ticks as u32,
             look_us: near_us + LOOK_US,
             interpreter_slot: mission.interpreter_slot,
-            instance: entry.first_enabled(),
+            instance: instance_of(entry.first_enabled()),
             ..Next::NOTHING
         };
-        if self.next.instance != NONE && !self.prepare_first(next.slot) {
-            self.next.window_ticks = 0;
+        if self.next.instance.is_some() {
+            self.prepare_first(next.slot);
         }
     }
 
-    /// Prepares the first task of an activation. False if it cannot be executed.
+    /// Prepares the first task of an activation. Where it cannot be executed, the activation is not
+    /// looked up.
     #[inline(never)]
-    fn prepare_first(&mut self, slot: usize) -> bool {
+    fn prepare_first(&mut self, slot: usize) {
         if let Some(mission) = &self.mission {
             let start_us = self.dispatcher.next().start_us;
             let period_us = self.dispatcher.period_us(slot);
@@ -299,7 +339,13 @@ impl RealTime<'_, '_> {
                 period_us,
             );
         }
-        self.prepare_task(self.next.instance)
+        let is_ready = match self.next.instance {
+            Some(instance) => self.prepare_task(instance),
+            None => true,
+        };
+        if !is_ready {
+            self.next.window_ticks = 0;
+        }
     }
 
     /// What was looked up is so no more.
@@ -337,8 +383,7 @@ impl RealTime<'_, '_> {
             previous_end_us: self.previous_end_us.min(start_us),
             interpreter: activation.interpreter,
         };
-        let slot = self.tasks.lists.slots.get(activation.slot);
-        let duration_us = slot.map_or(0, SlotEntry::duration_us);
+        let duration_us = self.duration_us(activation.slot);
         self.end(activation.start_us, duration_us);
         self.count_delay::<B>(delay_ticks);
         if self.mode == Mode::EmergencyStopped {
@@ -364,11 +409,11 @@ impl RealTime<'_, '_> {
             self.executor.begin(t_us, start_us, period_us);
             let now_ticks = board.now_low_ticks();
             let slot = self.tasks.lists.slots.get(activation.slot);
-            let first = slot.map_or(NONE, SlotEntry::first_enabled);
-            if first != NONE {
+            let first = slot.and_then(|slot| instance_of(slot.first_enabled()));
+            if let Some(first) = first {
                 self.prepare_task(first);
+                self.execute_tasks(board, first, now_ticks, duration_us);
             }
-            self.execute_tasks(board, first, now_ticks, duration_us);
             if self.tasks.look_for_runs() {
                 self.start_run(activation.start_us, activation.number);
             }

@@ -7,7 +7,7 @@ use esm_core::{BlobBuffer, Interpreter};
 use super::RealTime;
 use super::params::LiveParams;
 use super::running::Mission;
-use super::tasks::{NO_GROUP, NONE, TaskActivity, TaskTable};
+use super::tasks::{NO_GROUP, NONE, TaskActivity, TaskEntry, TaskTable};
 use crate::board::Board;
 use crate::ports::{FlagChanges, Inputs, StepOutput};
 use crate::task::{MAX_PARAMS, Step};
@@ -31,16 +31,17 @@ impl RealTime<'_, '_> {
     ) {
         let mut began_ticks = began_ticks;
         let mut instance = first;
-        while instance != NONE {
+        loop {
             let step = self.run_task(instance);
             let now_ticks = board.now_low_ticks();
             let took_ticks = now_ticks.wrapping_sub(began_ticks);
             began_ticks = now_ticks;
             let next = self.end_task::<B>(instance, step, took_ticks, duration_us);
             instance = self.tasks.first_enabled(next);
-            if instance != NONE {
-                self.prepare_task(instance);
+            if instance == NONE {
+                break;
             }
+            self.prepare_task(instance);
         }
     }
 
@@ -103,13 +104,11 @@ impl RealTime<'_, '_> {
         };
         let next = record.next_in_slot;
         let Some(step) = step else {
-            record.is_busy = true;
-            interpreter.set_busy_at(&record.places, true);
+            show_busy(interpreter, record, true);
             return next;
         };
         if record.is_busy {
-            record.is_busy = false;
-            interpreter.set_busy_at(&record.places, false);
+            show_busy(interpreter, record, false);
         }
         record.activity = TaskActivity::UnderWay;
         if let Some(said) = self.executor.end_step(&record.binding) {
@@ -162,6 +161,17 @@ impl RealTime<'_, '_> {
             took_us,
         });
     }
+}
+
+/// Sets or resets a task's busy flag.
+#[inline(never)]
+fn show_busy(
+    interpreter: &mut Interpreter<'_, BlobBuffer<'_>>,
+    record: &mut TaskEntry,
+    is_busy: bool,
+) {
+    record.is_busy = is_busy;
+    interpreter.set_busy_at(&record.places, is_busy);
 }
 
 /// Finds what a task's parameters are.

@@ -1,10 +1,10 @@
 //! The mission that runs, its trial, the activation that is executed, and the next one.
 
+use esm_core::dispatcher::Near;
 use esm_core::tables::Tables;
 use esm_core::{BlobBuffer, Interpreter};
 
 use super::staging::StoppedMission;
-use super::tasks::NONE;
 use esm_link::message::SafeReason;
 use esm_link::trial::FallBackReason;
 
@@ -127,11 +127,8 @@ pub(super) struct Next {
     pub(super) start_ticks: u32,
     /// For how long from then it is on time; 0 where nothing is looked up.
     pub(super) window_ticks: u32,
-    pub(super) duration_us: u32,
-    /// From the start of the activation before to this one's, and how long that one lasts; where
-    /// [`ended`](Self::ended) is not 0.
-    pub(super) wait_us: u32,
-    pub(super) before_us: u32,
+    /// The activation before; where [`ended`](Self::ended) is not 0.
+    pub(super) before: Near,
     /// Activations that have ended since this was settled.
     pub(super) ended: u32,
     /// The base of the dispatcher's queue on the board's clock, low half.
@@ -140,21 +137,19 @@ pub(super) struct Next {
     pub(super) look_us: u32,
     /// The slot that runs the interpreter.
     pub(super) interpreter_slot: usize,
-    /// The slot's first enabled task instance, or [`NONE`].
-    pub(super) instance: u16,
+    /// The slot's first enabled task instance.
+    pub(super) instance: Option<u16>,
 }
 
 impl Next {
     pub(super) const NOTHING: Next = Next {
         start_ticks: 0,
         window_ticks: 0,
-        duration_us: 0,
-        wait_us: 0,
-        before_us: 0,
+        before: Near::BASE,
         ended: 0,
         base_ticks: 0,
         look_us: 0,
         interpreter_slot: 0,
-        instance: NONE,
+        instance: None,
     };
 }
