@@ -96,6 +96,8 @@ struct Entry {
     /// The period as what is added to a key; [`FAR`] where that would be more.
     period: Key,
     missed: u32,
+    /// The slot's first match, for as many slots as there are.
+    first_match: u32,
     /// The next nominal start, where its key says that it is far.
     start_us: u64,
 }
@@ -105,6 +107,7 @@ impl Entry {
         period_us: 0,
         period: 0,
         missed: 0,
+        first_match: 0,
         start_us: 0,
     };
 }
@@ -231,6 +234,7 @@ impl SlotQueue {
                 period_us: slot.period_us,
                 period: slot.period_us.min(FAR_US) << SLOT_BITS,
                 missed: 0,
+                first_match: (len + index) as u32 / 2,
                 start_us,
             };
         }
@@ -289,14 +293,15 @@ impl SlotQueue {
     #[cfg_attr(feature = "speed", inline(always))]
     pub fn take_near(&mut self) -> Option<(Near, Near)> {
         let taken = Near(self.winner);
-        let period = self.seats.get(taken.slot())?.entry.period;
+        let entry = &self.seats.get(taken.slot())?.entry;
         // The earliest start is near, and a period at most FAR.
-        let key = self.winner.wrapping_add(period);
+        let key = self.winner.wrapping_add(entry.period);
         if key >= FAR {
             return None;
         }
+        let first_match = entry.first_match;
         // Who wins is not later than this one, and so near.
-        Some((taken, Near(self.replay(key))))
+        Some((taken, Near(self.replay(first_match, key)?)))
     }
 
     /// Takes the earliest activation, whichever time it is: for a caller who knows that it is due
@@ -309,12 +314,14 @@ impl SlotQueue {
 
     /// The slot of the earliest activation starts next at this time.
     fn put(&mut self, slot: usize, start_us: u64) {
-        if let Some(seat) = self.seats.get_mut(slot) {
-            seat.entry.start_us = start_us;
-        }
+        let Some(seat) = self.seats.get_mut(slot) else {
+            return;
+        };
+        seat.entry.start_us = start_us;
+        let first_match = seat.entry.first_match;
         let key = self.key(slot, start_us);
-        let winner = self.replay(key);
-        if winner >> SLOT_BITS >= REBASE_US {
+        let winner = self.replay(first_match, key);
+        if winner.is_some_and(|winner| winner >> SLOT_BITS >= REBASE_US) {
             self.rebase();
         }
     }
@@ -355,24 +362,24 @@ impl SlotQueue {
             seat.key = ABSENT;
         }
         for slot in 0..self.len {
-            let start_us = self.seats.get(slot).map_or(0, |seat| seat.entry.start_us);
+            let Some(seat) = self.seats.get(slot) else {
+                return;
+            };
+            let (start_us, first_match) = (seat.entry.start_us, seat.entry.first_match);
             // Who was absent won so far, and is replaced.
-            let key = self.key(slot, start_us);
-            self.replay(key);
+            self.replay(first_match, self.key(slot, start_us));
         }
     }
 
-    /// Plays the winner's matches anew, with its next key, and returns the key of who wins. It met,
-    /// on its way from where it entered to the final, everybody who can be the earliest now.
+    /// Plays the winner's matches anew, from the slot's first one on, with its next key, and returns
+    /// the key of who wins. It met, on its way from where it entered to the final, everybody who
+    /// can be the earliest now. `None`, and nothing is done, where there is no such match.
     #[inline]
-    fn replay(&mut self, key: Key) -> Key {
+    fn replay(&mut self, first_match: u32, key: Key) -> Option<Key> {
         let mut player = key;
         // The seats up to that of the slot's next match: half as many lead to the match after it.
-        // So that no index is compared with a length.
-        let mut way = self
-            .seats
-            .get_mut(..(self.len + slot_of(key)) / 2)
-            .unwrap_or_default();
+        // So no index is compared with a length.
+        let mut way = self.seats.get_mut(..first_match as usize)?;
         loop {
             let before = way.len() / 2;
             let Some(other) = way.last_mut() else {
@@ -384,7 +391,7 @@ impl SlotQueue {
             way = way.get_mut(..before).unwrap_or_default();
         }
         self.winner = player;
-        player
+        Some(player)
     }
 
     /// Period of a slot in microseconds; 0 if there is no such slot.

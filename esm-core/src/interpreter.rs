@@ -21,7 +21,7 @@ use core::ops::{Deref, Range};
 
 use crate::arena::WORD_BITS;
 use crate::format;
-use crate::reads::{Checked, DefaultReads, Reads, access::Access};
+use crate::reads::{DefaultReads, Reads, access::Access};
 use crate::state_mapping::StateMapping;
 use crate::tables::{Tables, TaskPlaces};
 use crate::verify::Verified;
@@ -314,15 +314,14 @@ impl<B: Deref<Target = [u8]>, R: Access> Interpreter<'_, B, R> {
     /// The first 16 control flags of the task instance with these places, the first in the lowest
     /// bit.
     pub fn control_flags_at(&self, places: &TaskPlaces) -> u16 {
+        let first = usize::from(places.first_flag) + format::TASK_CONTROL_FLAGS;
         let count = usize::from(places.flags).saturating_sub(format::TASK_CONTROL_FLAGS);
-        if count == 0 {
+        // Places need not come from this machine's tables.
+        if count == 0 || first + count > self.machine.layout.flag_bits {
             return 0;
         }
-        let first = usize::from(places.first_flag) + format::TASK_CONTROL_FLAGS;
-        // Places need not come from this machine's tables.
-        let flags = Checked::window(self.machine.flag_words(), 0, first);
-        let unused = 16usize.saturating_sub(count) as u32;
-        flags as u16 & u16::MAX >> unused
+        let flags = R::window(self.machine.arena, self.machine.places.flags, first) as u16;
+        flags & u16::MAX >> 16usize.saturating_sub(count)
     }
 
     /// The exit flag of a task instance.

@@ -964,8 +964,13 @@ impl<'a> Tables<'a> {
 
     /// The values of parameters, from this one on; see [`Self::param`].
     pub fn params_from(&self, first_param: u16) -> impl Iterator<Item = u32> + use<'a> {
-        let records = self.records::<layout::Param>();
-        let records = records.get(usize::from(first_param)..).unwrap_or(&[]);
+        let (start, records) = self.sections[Section::Params as usize];
+        let at = |record: usize| start as usize + record * size_of::<layout::Param>();
+        let bytes = self
+            .bytes
+            .get(at(first_param.into())..at(records as usize))
+            .unwrap_or(&[]);
+        let records = <[layout::Param]>::ref_from_prefix(bytes).map_or(&[][..], |(all, _)| all);
         records.iter().map(|record| record.value.get())
     }
 

@@ -958,19 +958,19 @@ impl Net {
 
     /// The value, if it has a port's type and is not older than the port wants it at this time on
     /// the robot's clock.
-    #[cfg_attr(feature = "speed", inline(always))]
     fn fresh(&self, port: &PortDeclaration, robot_us: u64) -> Option<NonNull<Head>> {
-        let value = self.value_for(port)?;
-        if let Some(most_us) = port.within_us
-            && robot_us.saturating_sub(self.value_us) > u64::from(most_us)
-        {
-            return None;
-        }
-        Some(value)
+        self.value_for(port)
+            .filter(|_| self.is_fresh(port, robot_us))
+    }
+
+    /// Whether the value is not older than a port wants it.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn is_fresh(&self, port: &PortDeclaration, robot_us: u64) -> bool {
+        port.within_us
+            .is_none_or(|most_us| robot_us.saturating_sub(self.value_us) <= u64::from(most_us))
     }
 
     /// The value, if it has a port's type.
-    #[cfg_attr(feature = "speed", inline(always))]
     fn value_for(&self, port: &PortDeclaration) -> Option<NonNull<Head>> {
         let value = self.value?;
         value.kind.is(port.kind).then_some(value.head)
@@ -1004,6 +1004,14 @@ pub struct TaskPlace {
     pub bank: u8,
     /// The task's place in its bank.
     pub place: u8,
+}
+
+impl TaskPlace {
+    /// Both numbers in one, which is compared at once.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn number(self) -> u16 {
+        u16::from_le_bytes([self.bank, self.place])
+    }
 }
 
 /// What a task said in an execution beside what it published.
@@ -1065,7 +1073,12 @@ pub struct Binding {
     /// Bit n: the task can find what its data port n wrote or changed on no other of its ports, but
     /// where a value is on two nets.
     alone: u8,
+    /// Bit n: what data port n publishes is as old as what it changed.
+    keeps_time: u8,
 }
+
+// A bit for each port.
+const _: () = assert!(MAX_DATA_PORTS <= u8::BITS as usize);
 
 #[derive(Clone, Copy)]
 struct BoundTask {
@@ -1086,6 +1099,7 @@ impl Binding {
         ports: [BoundPort { net: 0, buffer: 0 }; MAX_DATA_PORTS],
         place: TaskPlace { bank: 0, place: 0 },
         alone: 0,
+        keeps_time: 0,
     };
 
     /// The task that it is of.
@@ -1145,6 +1159,9 @@ impl Registry<'_> {
             if !finds {
                 binding.alone |= 1 << index;
             }
+            if port.direction == Direction::InOut {
+                binding.keeps_time |= 1 << index;
+            }
         }
         binding
     }
@@ -1173,6 +1190,18 @@ impl Registry<'_> {
 fn distance(task: TaskPointer, buffer: NonNull<Head>) -> usize {
     let bytes = buffer.addr().get().wrapping_sub(task.place.addr().get());
     bytes / BUFFER_UNIT + 1
+}
+
+/// The buffer that is this far, by [`distance`], from its task.
+///
+/// # Safety
+/// It is one of the task's own buffers.
+#[cfg_attr(feature = "speed", inline(always))]
+unsafe fn buffer_at(task: TaskPointer, distance: usize) -> NonNull<Head> {
+    let bytes = distance.wrapping_sub(1).wrapping_mul(BUFFER_UNIT);
+    // SAFETY: as the caller promises, so that it is in the task's place, over all of which the
+    // pointer has provenance.
+    unsafe { task.place.byte_add(bytes) }.cast()
 }
 
 /// [`distance`] as it is kept: 0 where it is too far for that, which is nobody's.
@@ -1364,7 +1393,10 @@ impl<'m> Executor<'m> {
         let Some(task) = binding.task else {
             return false;
         };
-        if task.banks != self.registry.address() || self.checked_out == Some(binding.place) {
+        let is_lent = self
+            .checked_out
+            .is_some_and(|lent| lent.number() == binding.place.number());
+        if task.banks != self.registry.address() || is_lent {
             return false;
         }
         self.state.done = 0;
@@ -1377,6 +1409,12 @@ impl<'m> Executor<'m> {
             enter,
         });
         true
+    }
+
+    /// Whether a task was prepared that was not executed yet.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(crate) fn is_prepared(&self) -> bool {
+        self.call.is_some()
     }
 
     /// What was prepared is not executed.
@@ -1413,82 +1451,118 @@ impl<'m> Executor<'m> {
     }
 
     /// Finds the buffer of each data port. False if a required input has no fresh value.
+    #[cfg_attr(feature = "speed", inline(always))]
     fn connect(&mut self, binding: &mut Binding, task: BoundTask) -> bool {
-        let robot_us = self.state.robot_us;
-        let ports = task.declared.ports.iter().zip(&mut self.state.values);
-        for (index, (port, value)) in ports.enumerate() {
+        for (index, port) in task.declared.ports.iter().enumerate() {
             let Some(bound) = binding.ports.get(index) else {
                 break;
             };
-            let net = self.nets.get(usize::from(bound.net));
-            let found = match port.direction {
-                Direction::In => net.and_then(|net| net.fresh(port, robot_us)),
-                // Nobody ever reads a buffer of a port that leads nowhere.
-                Direction::Out if bound.net == NO_NET && bound.buffer != 0 => {
-                    let bytes = (usize::from(bound.buffer) - 1) * BUFFER_UNIT;
-                    // SAFETY: it is one of the port's own buffers, as binding and choosing found,
-                    // and so in the task's place, over all of which the pointer has provenance.
-                    Some(unsafe { task.pointer.place.byte_add(bytes) }.cast())
-                }
-                // What this port wrote last is written over, or else its value is changed in place,
-                // where it can be seen nowhere else.
-                direction => {
-                    let last = net.and_then(|net| match direction {
-                        Direction::InOut => net.fresh(port, robot_us),
-                        _ => net.value_for(port).filter(|value| {
-                            distance(task.pointer, *value) == usize::from(bound.buffer)
-                        }),
-                    });
-                    // SAFETY: a value on a net is in a buffer of this executor's banks (invariant
-                    // 1).
-                    let last =
-                        last.filter(|value| unsafe { head(*value) }.uses.get() == PUBLISHED_ONCE);
-                    if last.is_some() && binding.alone >> index & 1 != 0 {
-                        last
-                    } else {
-                        choose_buffer(
-                            self.nets,
-                            self.registry,
-                            binding,
-                            task,
-                            index,
-                            robot_us,
-                            true,
-                        )
-                    }
-                }
+            let found = match self.usual_value(bound, binding.alone >> index & 1 != 0, port, task) {
+                Some(found) => found,
+                None => self.find_value(binding, task, index),
             };
-            *value = found;
             if found.is_none() && !port.optional {
                 return false;
+            }
+            if let Some(value) = self.state.values.get_mut(index) {
+                *value = found;
             }
         }
         true
     }
 
+    /// What [`find_value`](Self::find_value) finds, where it is no more than a look at the net.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn usual_value(
+        &self,
+        bound: &BoundPort,
+        is_alone: bool,
+        port: &PortDeclaration,
+        task: BoundTask,
+    ) -> Option<Option<NonNull<Head>>> {
+        // Where it can be seen nowhere else, a value is written over or changed in place.
+        // SAFETY: a value on a net is in a buffer of this executor's banks (invariant 1).
+        let is_own =
+            |value: NonNull<Head>| is_alone && unsafe { head(value) }.uses.get() == PUBLISHED_ONCE;
+        let net = self.nets.get(usize::from(bound.net));
+        if port.direction == Direction::Out {
+            // Of the port's own buffers, so that it has the port's type.
+            let buffer = usize::from(bound.buffer);
+            return match net {
+                Some(net) => {
+                    let value = net.value?.head;
+                    let is_last = distance(task.pointer, value) == buffer;
+                    (is_last && is_own(value)).then_some(Some(value))
+                }
+                // Nobody ever reads a buffer of a port that leads nowhere.
+                // SAFETY: it is one of the port's own, as binding and choosing found.
+                None => (bound.net == NO_NET && buffer != 0)
+                    .then(|| Some(unsafe { buffer_at(task.pointer, buffer) })),
+            };
+        }
+        let Some((net, value)) = net.and_then(|net| Some((net, net.value?))) else {
+            return Some(None);
+        };
+        let is_usual = value.kind.is_same(port.kind)
+            && net.is_fresh(port, self.state.robot_us)
+            && (port.direction == Direction::In || is_own(value.head));
+        is_usual.then_some(Some(value.head))
+    }
+
+    /// Finds the buffer of a data port. `None` if its net has no fresh value to read or to change.
+    #[inline(never)]
+    fn find_value(
+        &self,
+        binding: &mut Binding,
+        task: BoundTask,
+        index: usize,
+    ) -> Option<NonNull<Head>> {
+        let (port, bound) = (task.declared.ports.get(index)?, binding.ports.get(index)?);
+        let robot_us = self.state.robot_us;
+        match port.direction {
+            Direction::In => self.nets.get(usize::from(bound.net))?.fresh(port, robot_us),
+            _ => choose_buffer(
+                self.nets,
+                self.registry,
+                binding,
+                task,
+                index,
+                robot_us,
+                true,
+            ),
+        }
+    }
+
     /// Publishes what the task wrote. What was changed keeps its time.
+    #[cfg_attr(feature = "speed", inline(always))]
     fn publish(&mut self, binding: &Binding) {
         let mut written = self.state.done & WRITTEN_PORTS;
         while written != 0 {
             let index = written.trailing_zeros() as usize;
             written &= written - 1;
-            let (Some(port), Some(bound), Some(&value)) = (
-                self.state.ports.get(index),
-                binding.ports.get(index),
-                self.state.values.get(index),
-            ) else {
+            let (Some(bound), Some(&value)) =
+                (binding.ports.get(index), self.state.values.get(index))
+            else {
                 return;
             };
             let Some(net) = self.nets.get_mut(usize::from(bound.net)) else {
                 continue;
             };
-            if port.direction == Direction::Out {
+            if binding.keeps_time >> index & 1 == 0 {
                 net.value_us = self.state.robot_us;
             }
             if net.value.map(|value| value.head) != value {
-                let kind = port.kind;
-                net.publish(value.map(|head| ErasedBuffer { head, kind }), net.value_us);
+                self.publish_another(usize::from(bound.net), index, value);
             }
+        }
+    }
+
+    /// Publishes a value on a net that has another one, or none.
+    #[inline(never)]
+    fn publish_another(&mut self, net: usize, port: usize, value: Option<NonNull<Head>>) {
+        if let (Some(net), Some(port)) = (self.nets.get_mut(net), self.state.ports.get(port)) {
+            let kind = port.kind;
+            net.publish(value.map(|head| ErasedBuffer { head, kind }), net.value_us);
         }
     }
 

@@ -16,10 +16,10 @@ use esm_core::{Fault, dispatcher};
 
 use super::running::{Activation, Next, Origin};
 use super::slots::SlotEntry;
-use super::tasks::instance_of;
+use super::tasks::NONE;
 use super::trace::StepObserver;
 use super::{IDLE_POLL_US, RealTime};
-use crate::board::{ActivationStart, Board, ticks};
+use crate::board::{ActivationStart, Board, ticks, ticks_between};
 use crate::features::{SPEED, WARM};
 use esm_link::message::{Mode, SafeReason};
 
@@ -37,7 +37,8 @@ fn mission_window<B: Board>(shortest_period_us: u32) -> u32 {
     /// Less than half a round of the clock, so that one that has gone half around is not taken for
     /// one that is late.
     const LONGEST_WINDOW_US: u32 = i32::MAX as u32 / u16::MAX as u32;
-    shortest_period_us.min(LONGEST_WINDOW_US) * B::TICKS_PER_US
+    let window_ticks = shortest_period_us.min(LONGEST_WINDOW_US) * B::TICKS_PER_US;
+    window_ticks.min(1 << (B::COUNT_BITS - 1))
 }
 
 impl RealTime<'_, '_> {
@@ -47,8 +48,8 @@ impl RealTime<'_, '_> {
     #[cfg_attr(feature = "speed", inline(always))]
     pub fn on_timer<B: Board>(&mut self, board: &mut B) -> u64 {
         // Nothing comes before this: it is what the delay of a slot is made of.
-        let now_ticks = board.now_low_ticks();
-        let delay_ticks = now_ticks.wrapping_sub(self.next.start_ticks);
+        let began_count = board.count();
+        let delay_ticks = ticks_between::<B>(self.next.start_ticks, began_count);
         if delay_ticks >= self.next.window_ticks || self.is_stop_wanted(board) {
             return self.go_on(board, false);
         }
@@ -56,13 +57,8 @@ impl RealTime<'_, '_> {
         if let Err(reason) = board.begin_activation(&start) {
             return self.begin_in_vain(board, &start, delay_ticks, reason);
         }
-        if let Some(instance) = self.next.instance {
-            let slot = self.dispatcher.next().slot;
-            self.execute_tasks(board, instance, now_ticks, self.duration_us(slot));
-            // A background run may lack what a task has just published.
-            if self.tasks.look_for_runs() || self.failure.is_some() {
-                self.heartbeats.attention.set();
-            }
+        if self.executor.is_prepared() {
+            self.execute_near(board, began_count);
         }
         let both = if SPEED {
             self.dispatcher.take_near()
@@ -70,24 +66,32 @@ impl RealTime<'_, '_> {
             None
         };
         let Some((taken, next)) = both else {
-            return self.end_far(board, now_ticks, delay_ticks);
+            return self.end_far(board, began_count, delay_ticks);
         };
         self.next.ended += 1;
         self.next.before = taken;
         if self.heartbeats.attention.is_set() {
-            return self.end_attentively(board, now_ticks, delay_ticks, (taken, next));
+            return self.end_attentively(board, began_count, delay_ticks, (taken, next));
         }
-        let ended_ticks = board.now_low_ticks();
-        self.count(
-            board,
-            taken,
-            delay_ticks,
-            ended_ticks.wrapping_sub(now_ticks),
-        );
-        if !self.look_up_near::<B>(taken, next, ended_ticks) {
+        let took_ticks = ticks_between::<B>(began_count, board.count());
+        self.count(board, taken, delay_ticks, took_ticks);
+        if !self.look_up_near::<B>(taken, next, delay_ticks.wrapping_add(took_ticks)) {
             return self.go_on(board, true);
         }
         self.next_start_ticks::<B>()
+    }
+
+    /// Executes the tasks of an activation that was looked up.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn execute_near<B: Board>(&mut self, board: &mut B, began_count: u32) {
+        let slot = self.dispatcher.next().slot;
+        let duration_us = self.duration_us(slot);
+        self.execute_tasks(board, self.next.instance, began_count, duration_us);
+        // A background run may lack what a task has just published.
+        if self.tasks.look_for_runs() || self.failure.is_some() {
+            self.next.has_executed = true;
+            self.heartbeats.attention.set();
+        }
     }
 
     /// Ends an activation that was looked up after which more is to be looked at than the next one.
@@ -96,27 +100,23 @@ impl RealTime<'_, '_> {
     fn end_attentively<B: Board>(
         &mut self,
         board: &mut B,
-        began_ticks: u32,
+        began_count: u32,
         delay_ticks: u32,
         (taken, next): (Near, Near),
     ) -> u64 {
         self.heartbeats.attention.take_back();
-        if self.from_background.ready()
-            || self.next.instance.is_some() && self.tasks.look_for_runs()
-        {
+        let has_executed = core::mem::take(&mut self.next.has_executed);
+        if self.from_background.ready() || has_executed && self.tasks.look_for_runs() {
             self.settle();
             let start_us = self.dispatcher.base_us() + u64::from(taken.since_us());
             self.change_runs(taken.slot(), start_us);
         }
-        let ended_ticks = board.now_low_ticks();
-        self.count(
-            board,
-            taken,
-            delay_ticks,
-            ended_ticks.wrapping_sub(began_ticks),
-        );
+        let took_ticks = ticks_between::<B>(began_count, board.count());
+        self.count(board, taken, delay_ticks, took_ticks);
         self.look_for_failure(board);
-        if self.from_link.ready() || !self.look_up_near::<B>(taken, next, ended_ticks) {
+        if self.from_link.ready()
+            || !self.look_up_near::<B>(taken, next, delay_ticks.wrapping_add(took_ticks))
+        {
             return self.go_on(board, true);
         }
         self.next_start_ticks::<B>()
@@ -151,7 +151,7 @@ impl RealTime<'_, '_> {
     /// Ends an activation of a slot whose next start is far away.
     #[cold]
     #[inline(never)]
-    fn end_far<B: Board>(&mut self, board: &mut B, began_ticks: u32, delay_ticks: u32) -> u64 {
+    fn end_far<B: Board>(&mut self, board: &mut B, began_count: u32, delay_ticks: u32) -> u64 {
         self.settle();
         let taken = self.dispatcher.next();
         self.dispatcher.take_on_time();
@@ -159,7 +159,7 @@ impl RealTime<'_, '_> {
         if self.from_background.ready() || self.tasks.look_for_runs() {
             self.change_runs(taken.slot, taken.start_us);
         }
-        let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks);
+        let took_ticks = ticks_between::<B>(began_count, board.count());
         self.count_time(took_ticks);
         self.count_execution(board, taken.slot, delay_ticks, took_ticks);
         self.look_for_failure(board);
@@ -258,20 +258,21 @@ impl RealTime<'_, '_> {
         }
     }
 
-    /// Looks up the next activation after this one, which was on time and was looked up itself.
-    /// False if it is due already or far away, may be the first of another mission, or if the whole
-    /// clock was not looked at for long.
+    /// Looks up the next activation after this one, which was on time, was looked up itself, and
+    /// ended so many ticks after its nominal start. False if the next is due already or far away,
+    /// may be the first of another mission, or if the whole clock was not looked at for long.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn look_up_near<B: Board>(&mut self, taken: Near, next: Near, now_ticks: u32) -> bool {
+    fn look_up_near<B: Board>(&mut self, taken: Near, next: Near, ended_ticks: u32) -> bool {
         let since_us = next.since_us();
-        if since_us - taken.since_us() > NEAR_US || since_us >= self.next.look_us {
+        let wait_us = since_us - taken.since_us();
+        if wait_us > NEAR_US
+            || wait_us * B::TICKS_PER_US <= ended_ticks
+            || since_us >= self.next.look_us
+        {
             return false;
         }
         let since_ticks = since_us.wrapping_mul(B::TICKS_PER_US);
         let start_ticks = self.next.base_ticks.wrapping_add(since_ticks);
-        if start_ticks.wrapping_sub(now_ticks) as i32 <= 0 {
-            return false;
-        }
         self.next.start_ticks = start_ticks;
         let slot = next.slot();
         if slot == self.next.interpreter_slot {
@@ -281,9 +282,9 @@ impl RealTime<'_, '_> {
         let Some(entry) = self.tasks.lists.slots.get(slot) else {
             return false;
         };
-        self.next.instance = instance_of(entry.first_enabled());
-        if self.next.instance.is_some() {
-            self.prepare_first(slot);
+        let instance = entry.first_enabled();
+        if instance != NONE {
+            self.prepare_first(slot, instance);
         }
         true
     }
@@ -312,38 +313,36 @@ impl RealTime<'_, '_> {
         let base_ticks = mission.origin.ticks + ticks::<B>(base_us);
         // The look was at most a few milliseconds ago, and the next one starts soon.
         let near_us = (next.start_us - base_us) as u32;
+        let instance = entry.first_enabled();
         self.next = Next {
             start_ticks: start_ticks as u32,
             window_ticks: mission_window::<B>(self.shortest_period_us),
             base_ticks: base_ticks as u32,
             look_us: near_us + LOOK_US,
             interpreter_slot: mission.interpreter_slot,
-            instance: instance_of(entry.first_enabled()),
             ..Next::NOTHING
         };
-        if self.next.instance.is_some() {
-            self.prepare_first(next.slot);
+        self.executor.forget();
+        if instance != NONE {
+            self.prepare_first(next.slot, instance);
         }
     }
 
     /// Prepares the first task of an activation. Where it cannot be executed, the activation is not
     /// looked up.
     #[inline(never)]
-    fn prepare_first(&mut self, slot: usize) {
+    fn prepare_first(&mut self, slot: usize, instance: u16) {
+        self.next.instance = instance;
         if let Some(mission) = &self.mission {
             let start_us = self.dispatcher.next().start_us;
             let period_us = self.dispatcher.period_us(slot);
             self.executor.begin(
-                mission.t_us(start_us),
+                mission.t_us_of_activation(start_us),
                 mission.robot_us(start_us),
                 period_us,
             );
         }
-        let is_ready = match self.next.instance {
-            Some(instance) => self.prepare_task(instance),
-            None => true,
-        };
-        if !is_ready {
+        if !self.prepare_task(instance) {
             self.next.window_ticks = 0;
         }
     }
@@ -409,8 +408,8 @@ impl RealTime<'_, '_> {
             self.executor.begin(t_us, start_us, period_us);
             let now_ticks = board.now_low_ticks();
             let slot = self.tasks.lists.slots.get(activation.slot);
-            let first = slot.and_then(|slot| instance_of(slot.first_enabled()));
-            if let Some(first) = first {
+            let first = slot.map_or(NONE, SlotEntry::first_enabled);
+            if first != NONE {
                 self.prepare_task(first);
                 self.execute_tasks(board, first, now_ticks, duration_us);
             }

@@ -8,7 +8,7 @@ use super::RealTime;
 use super::params::LiveParams;
 use super::running::Mission;
 use super::tasks::{NO_GROUP, NONE, TaskActivity, TaskEntry, TaskTable};
-use crate::board::Board;
+use crate::board::{Board, ticks_between};
 use crate::ports::{FlagChanges, Inputs, StepOutput};
 use crate::task::{MAX_PARAMS, Step};
 use esm_link::black_box::Event;
@@ -20,22 +20,22 @@ const TASK_CONTROL_FLAGS: u16 = esm_core::format::TASK_CONTROL_FLAGS as u16;
 impl RealTime<'_, '_> {
     /// Executes the enabled tasks of a slot, from the one on that was
     /// [prepared](Self::prepare_task), in an activation that [began](crate::Executor::begin) at
-    /// `began_ticks`.
+    /// `began_count`.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn execute_tasks<B: Board>(
         &mut self,
         board: &mut B,
         first: u16,
-        began_ticks: u32,
+        began_count: u32,
         duration_us: u32,
     ) {
-        let mut began_ticks = began_ticks;
+        let mut began_count = began_count;
         let mut instance = first;
         loop {
             let step = self.run_task(instance);
-            let now_ticks = board.now_low_ticks();
-            let took_ticks = now_ticks.wrapping_sub(began_ticks);
-            began_ticks = now_ticks;
+            let now_count = board.count();
+            let took_ticks = ticks_between::<B>(began_count, now_count);
+            began_count = now_count;
             let next = self.end_task::<B>(instance, step, took_ticks, duration_us);
             instance = self.tasks.first_enabled(next);
             if instance == NONE {

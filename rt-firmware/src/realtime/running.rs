@@ -5,6 +5,7 @@ use esm_core::tables::Tables;
 use esm_core::{BlobBuffer, Interpreter};
 
 use super::staging::StoppedMission;
+use super::tasks::NONE;
 use esm_link::message::SafeReason;
 use esm_link::trial::FallBackReason;
 
@@ -32,6 +33,14 @@ impl Mission<'_> {
     /// The time of the mission's tasks at a nominal start since the origin.
     pub(super) fn t_us(&self, start_us: u64) -> u64 {
         self.tasks_us + start_us.saturating_sub(self.began_us)
+    }
+
+    /// The same, of an activation of this mission: none starts before its first macro step.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn t_us_of_activation(&self, start_us: u64) -> u64 {
+        start_us
+            .wrapping_sub(self.began_us)
+            .wrapping_add(self.tasks_us)
     }
 
     /// The time on the robot's clock at a nominal start since the origin.
@@ -137,8 +146,10 @@ pub(super) struct Next {
     pub(super) look_us: u32,
     /// The slot that runs the interpreter.
     pub(super) interpreter_slot: usize,
-    /// The slot's first enabled task instance.
-    pub(super) instance: Option<u16>,
+    /// The slot's first enabled task instance, which was prepared; where one was.
+    pub(super) instance: u16,
+    /// Tasks were executed, after which a background run may begin or the robot may have to stop.
+    pub(super) has_executed: bool,
 }
 
 impl Next {
@@ -150,6 +161,7 @@ impl Next {
         base_ticks: 0,
         look_us: 0,
         interpreter_slot: 0,
-        instance: None,
+        instance: NONE,
+        has_executed: false,
     };
 }

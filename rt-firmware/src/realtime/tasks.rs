@@ -166,12 +166,6 @@ pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut L
     }
 }
 
-/// The task instance with this number, unless that is [`NONE`].
-#[cfg_attr(feature = "speed", inline(always))]
-pub(super) fn instance_of(number: u16) -> Option<u16> {
-    (number != NONE).then_some(number)
-}
-
 /// The first enabled task instance of a slot, from this one on, or [`NONE`].
 #[cfg_attr(feature = "speed", inline(always))]
 fn first_enabled(entries: &[TaskEntry], first: u16) -> u16 {
@@ -344,7 +338,7 @@ impl<'m> TaskTable<'m> {
     pub(crate) fn next_in_slot(&self, instance: u16) -> Option<u16> {
         let entry = self.lists.tasks.get(usize::from(instance));
         let next = entry.map_or(NONE, |entry| entry.next_in_slot);
-        instance_of(next)
+        (next != NONE).then_some(next)
     }
 
     /// The first enabled task instance of a slot, from this one on, or [`NONE`].
