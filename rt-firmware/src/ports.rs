@@ -1012,6 +1012,11 @@ impl TaskPlace {
     fn number(self) -> u16 {
         u16::from_le_bytes([self.bank, self.place])
     }
+
+    fn of_number(number: u16) -> Self {
+        let [bank, place] = number.to_le_bytes();
+        TaskPlace { bank, place }
+    }
 }
 
 /// What a task said in an execution beside what it published.
@@ -1108,7 +1113,6 @@ impl Binding {
     }
 
     /// Number of the task's parameters.
-    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn param_count(&self) -> usize {
         self.task.map_or(0, |task| task.declared.params.len())
     }
@@ -1218,7 +1222,8 @@ pub struct Executor<'m> {
     nets: &'m mut [Net],
     /// Empty but while nets are carried from one mission to the next. None where they cannot be.
     nets_before: &'m mut [Net],
-    checked_out: Option<TaskPlace>,
+    /// The number of the task that is lent.
+    lent: Option<u16>,
     /// The lent background run belongs to a mission that is over.
     lent_is_stale: bool,
     /// The task that was prepared.
@@ -1258,7 +1263,7 @@ pub fn assemble<'m, const NETS: usize>(
             registry,
             nets,
             nets_before,
-            checked_out: None,
+            lent: None,
             lent_is_stale: false,
             call: None,
             state: IoState::EMPTY,
@@ -1280,7 +1285,7 @@ impl<'m> Executor<'m> {
 
     /// The task that is lent, if there is one.
     pub fn checked_out(&self) -> Option<TaskPlace> {
-        self.checked_out
+        self.lent.map(TaskPlace::of_number)
     }
 
     /// A mission starts: nets are emptied, tasks forget what they knew. A task that is lent does so
@@ -1327,8 +1332,8 @@ impl<'m> Executor<'m> {
         for net in before.iter_mut() {
             net.publish(None, 0);
         }
-        self.lent_is_stale = self.checked_out.is_some();
-        for task in left_behind.filter(|task| self.checked_out != Some(*task)) {
+        self.lent_is_stale = self.lent.is_some();
+        for task in left_behind.filter(|task| self.lent != Some(task.number())) {
             if let Some(bank) = self.registry.bank(usize::from(task.bank)) {
                 // SAFETY: the executor owns all tasks (invariant 1), except for the lent one, which
                 // was left out.
@@ -1393,10 +1398,12 @@ impl<'m> Executor<'m> {
         let Some(task) = binding.task else {
             return false;
         };
-        let is_lent = self
-            .checked_out
-            .is_some_and(|lent| lent.number() == binding.place.number());
-        if task.banks != self.registry.address() || is_lent {
+        if let Some(lent) = self.lent
+            && lent == binding.place.number()
+        {
+            return false;
+        }
+        if task.banks != self.registry.address() {
             return false;
         }
         self.state.done = 0;
@@ -1453,84 +1460,55 @@ impl<'m> Executor<'m> {
     /// Finds the buffer of each data port. False if a required input has no fresh value.
     #[cfg_attr(feature = "speed", inline(always))]
     fn connect(&mut self, binding: &mut Binding, task: BoundTask) -> bool {
-        for (index, port) in task.declared.ports.iter().enumerate() {
-            let Some(bound) = binding.ports.get(index) else {
-                break;
-            };
-            let found = match self.usual_value(bound, binding.alone >> index & 1 != 0, port, task) {
+        let robot_us = self.state.robot_us;
+        let mut alone = binding.alone;
+        let ports = task.declared.ports.iter().zip(&binding.ports);
+        for ((port, bound), place) in ports.zip(&mut self.state.values) {
+            let net = self.nets.get(usize::from(bound.net));
+            let found = match usual_value(net, *bound, alone & 1 != 0, port, task, robot_us) {
                 Some(found) => found,
-                None => self.find_value(binding, task, index),
+                None => return self.connect_anew(binding, task),
             };
+            *place = found;
             if found.is_none() && !port.optional {
                 return false;
             }
-            if let Some(value) = self.state.values.get_mut(index) {
-                *value = found;
-            }
+            alone >>= 1;
         }
         true
     }
 
-    /// What [`find_value`](Self::find_value) finds, where it is no more than a look at the net.
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn usual_value(
-        &self,
-        bound: &BoundPort,
-        is_alone: bool,
-        port: &PortDeclaration,
-        task: BoundTask,
-    ) -> Option<Option<NonNull<Head>>> {
-        // Where it can be seen nowhere else, a value is written over or changed in place.
-        // SAFETY: a value on a net is in a buffer of this executor's banks (invariant 1).
-        let is_own =
-            |value: NonNull<Head>| is_alone && unsafe { head(value) }.uses.get() == PUBLISHED_ONCE;
-        let net = self.nets.get(usize::from(bound.net));
-        if port.direction == Direction::Out {
-            // Of the port's own buffers, so that it has the port's type.
-            let buffer = usize::from(bound.buffer);
-            return match net {
-                Some(net) => {
-                    let value = net.value?.head;
-                    let is_last = distance(task.pointer, value) == buffer;
-                    (is_last && is_own(value)).then_some(Some(value))
-                }
-                // Nobody ever reads a buffer of a port that leads nowhere.
-                // SAFETY: it is one of the port's own, as binding and choosing found.
-                None => (bound.net == NO_NET && buffer != 0)
-                    .then(|| Some(unsafe { buffer_at(task.pointer, buffer) })),
-            };
-        }
-        let Some((net, value)) = net.and_then(|net| Some((net, net.value?))) else {
-            return Some(None);
-        };
-        let is_usual = value.kind.is_same(port.kind)
-            && net.is_fresh(port, self.state.robot_us)
-            && (port.direction == Direction::In || is_own(value.head));
-        is_usual.then_some(Some(value.head))
-    }
-
-    /// Finds the buffer of a data port. `None` if its net has no fresh value to read or to change.
+    /// Finds the buffer of each data port where for one of them a look at its net is not enough.
     #[inline(never)]
-    fn find_value(
-        &self,
-        binding: &mut Binding,
-        task: BoundTask,
-        index: usize,
-    ) -> Option<NonNull<Head>> {
-        let (port, bound) = (task.declared.ports.get(index)?, binding.ports.get(index)?);
+    fn connect_anew(&mut self, binding: &mut Binding, task: BoundTask) -> bool {
         let robot_us = self.state.robot_us;
-        match port.direction {
-            Direction::In => self.nets.get(usize::from(bound.net))?.fresh(port, robot_us),
-            _ => choose_buffer(
-                self.nets,
-                self.registry,
-                binding,
-                task,
-                index,
-                robot_us,
-                true,
-            ),
+        for (index, port) in task.declared.ports.iter().enumerate() {
+            let Some(&bound) = binding.ports.get(index) else {
+                break;
+            };
+            let net = self.nets.get(usize::from(bound.net));
+            let is_alone = binding.alone >> index & 1 != 0;
+            let usual = usual_value(net, bound, is_alone, port, task, robot_us);
+            let found = usual.unwrap_or_else(|| match port.direction {
+                Direction::In => net.and_then(|net| net.fresh(port, robot_us)),
+                _ => choose_buffer(
+                    self.nets,
+                    self.registry,
+                    binding,
+                    task,
+                    index,
+                    robot_us,
+                    true,
+                ),
+            });
+            if found.is_none() && !port.optional {
+                return false;
+            }
+            if let Some(place) = self.state.values.get_mut(index) {
+                *place = found;
+            }
         }
+        true
     }
 
     /// Publishes what the task wrote. What was changed keeps its time.
@@ -1590,7 +1568,7 @@ impl<'m> Executor<'m> {
     ) -> Option<BackgroundRun<'m>> {
         self.call = None;
         let task = binding.task?;
-        if task.banks != self.registry.address() || self.checked_out.is_some() {
+        if task.banks != self.registry.address() || self.lent.is_some() {
             return None;
         }
         let mut binding = *binding;
@@ -1632,7 +1610,7 @@ impl<'m> Executor<'m> {
             // SAFETY: a value on a net is in a buffer of this executor's banks (invariant 1).
             unsafe { head(value) }.pin();
         }
-        self.checked_out = Some(binding.place);
+        self.lent = Some(binding.place.number());
         self.lent_is_stale = false;
         Some(BackgroundRun {
             binding,
@@ -1651,7 +1629,7 @@ impl<'m> Executor<'m> {
         // A list of banks is borrowed by one executor alone, and one that has lent a task is not
         // empty: its address is nobody else's.
         let own = core::ptr::eq(self.registry.banks, background_run.banks);
-        if !own || self.checked_out != Some(background_run.binding.place) {
+        if !own || self.lent != Some(background_run.binding.place.number()) {
             return ReturnedRun::Foreign;
         }
         for value in read_by(&background_run.state) {
@@ -1659,7 +1637,7 @@ impl<'m> Executor<'m> {
             // buffers of its banks (invariant 1).
             unsafe { head(value) }.unpin();
         }
-        self.checked_out = None;
+        self.lent = None;
         if core::mem::take(&mut self.lent_is_stale) {
             let place = background_run.binding.place;
             if let Some(bank) = self.registry.bank(usize::from(place.bank)) {
@@ -1766,6 +1744,44 @@ fn read_by(state: &IoState) -> impl Iterator<Item = NonNull<Head>> {
     ports
         .filter(|(port, _)| port.direction == Direction::In)
         .filter_map(|(_, value)| *value)
+}
+
+/// The buffer of a port, where it takes no more than a look at its net: whose value it reads, or
+/// writes over or changes in place, since it can be seen nowhere else.
+#[cfg_attr(feature = "speed", inline(always))]
+fn usual_value(
+    net: Option<&Net>,
+    bound: BoundPort,
+    is_alone: bool,
+    port: &PortDeclaration,
+    task: BoundTask,
+    robot_us: u64,
+) -> Option<Option<NonNull<Head>>> {
+    // SAFETY: a value on a net is in a buffer of its executor's banks (invariant 1).
+    let is_own =
+        |value: NonNull<Head>| is_alone && unsafe { head(value) }.uses.get() == PUBLISHED_ONCE;
+    if port.direction == Direction::Out {
+        let buffer = usize::from(bound.buffer);
+        return match net {
+            // Of the port's own buffers, so that it has the port's type.
+            Some(net) => {
+                let value = net.value?.head;
+                let is_last = distance(task.pointer, value) == buffer;
+                (is_last && is_own(value)).then_some(Some(value))
+            }
+            // Nobody ever reads a buffer of a port that leads nowhere.
+            // SAFETY: it is one of the port's own, as binding and choosing found.
+            None => (bound.net == NO_NET && buffer != 0)
+                .then(|| Some(unsafe { buffer_at(task.pointer, buffer) })),
+        };
+    }
+    let Some((net, value)) = net.and_then(|net| Some((net, net.value?))) else {
+        return Some(None);
+    };
+    let is_usual = value.kind.is_same(port.kind)
+        && net.is_fresh(port, robot_us)
+        && (port.direction == Direction::In || is_own(value.head));
+    is_usual.then_some(Some(value.head))
 }
 
 /// Finds the buffer for a port that is written or changed where it is not the usual one: an

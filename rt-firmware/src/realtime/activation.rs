@@ -74,7 +74,7 @@ impl RealTime<'_, '_> {
             return self.end_attentively(board, began_count, delay_ticks, (taken, next));
         }
         let took_ticks = ticks_between::<B>(began_count, board.count());
-        self.count(board, taken, delay_ticks, took_ticks);
+        self.count_near(board, taken, delay_ticks, took_ticks);
         if !self.look_up_near::<B>(taken, next, delay_ticks.wrapping_add(took_ticks)) {
             return self.go_on(board, true);
         }
@@ -84,9 +84,8 @@ impl RealTime<'_, '_> {
     /// Executes the tasks of an activation that was looked up.
     #[cfg_attr(feature = "speed", inline(always))]
     fn execute_near<B: Board>(&mut self, board: &mut B, began_count: u32) {
-        let slot = self.dispatcher.next().slot;
-        let duration_us = self.duration_us(slot);
-        self.execute_tasks(board, self.next.instance, began_count, duration_us);
+        let slot = |this: &Self| this.dispatcher.next().slot;
+        self.execute_tasks(board, self.next.instance, began_count, slot);
         // A background run may lack what a task has just published.
         if self.tasks.look_for_runs() || self.failure.is_some() {
             self.next.has_executed = true;
@@ -112,7 +111,7 @@ impl RealTime<'_, '_> {
             self.change_runs(taken.slot(), start_us);
         }
         let took_ticks = ticks_between::<B>(began_count, board.count());
-        self.count(board, taken, delay_ticks, took_ticks);
+        self.count_near(board, taken, delay_ticks, took_ticks);
         self.look_for_failure(board);
         if self.from_link.ready()
             || !self.look_up_near::<B>(taken, next, delay_ticks.wrapping_add(took_ticks))
@@ -124,14 +123,20 @@ impl RealTime<'_, '_> {
 
     /// Counts an activation that was looked up.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn count<B: Board>(&mut self, board: &mut B, taken: Near, delay_ticks: u32, took_ticks: u32) {
+    fn count_near(
+        &mut self,
+        board: &mut impl Board,
+        taken: Near,
+        delay_ticks: u32,
+        took_ticks: u32,
+    ) {
         self.count_time(took_ticks);
         self.count_execution(board, taken.slot(), delay_ticks, took_ticks);
     }
 
     /// Duration of a slot in microseconds.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn duration_us(&self, slot: usize) -> u32 {
+    pub(super) fn duration_us(&self, slot: usize) -> u32 {
         let slot = self.tasks.lists.slots.get(slot);
         slot.map_or(0, SlotEntry::duration_us)
     }
@@ -303,7 +308,7 @@ impl RealTime<'_, '_> {
         let Some(mission) = &self.mission else {
             return;
         };
-        if next.slot == mission.interpreter_slot || self.mode != Mode::Running {
+        if next.slot == mission.interpreter_slot || !matches!(self.mode, Mode::Running) {
             return;
         }
         let Some(entry) = self.tasks.lists.slots.get(next.slot) else {
@@ -411,7 +416,7 @@ impl RealTime<'_, '_> {
             let first = slot.map_or(NONE, SlotEntry::first_enabled);
             if first != NONE {
                 self.prepare_task(first);
-                self.execute_tasks(board, first, now_ticks, duration_us);
+                self.execute_tasks(board, first, now_ticks, |_| activation.slot);
             }
             if self.tasks.look_for_runs() {
                 self.start_run(activation.start_us, activation.number);

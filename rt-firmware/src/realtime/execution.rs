@@ -27,7 +27,7 @@ impl RealTime<'_, '_> {
         board: &mut B,
         first: u16,
         began_count: u32,
-        duration_us: u32,
+        slot: impl Fn(&Self) -> usize,
     ) {
         let mut began_count = began_count;
         let mut instance = first;
@@ -36,7 +36,13 @@ impl RealTime<'_, '_> {
             let now_count = board.count();
             let took_ticks = ticks_between::<B>(began_count, now_count);
             began_count = now_count;
-            let next = self.end_task::<B>(instance, step, took_ticks, duration_us);
+            let next = self.end_task(instance, step);
+            // Not before the step: each instruction there makes it later.
+            let duration_us = self.duration_us(slot(self));
+            let duration_ticks = duration_us.saturating_mul(B::TICKS_PER_US);
+            if took_ticks > duration_ticks && step.is_some() {
+                self.note_overrun::<B>(instance, took_ticks, duration_us);
+            }
             instance = self.tasks.first_enabled(next);
             if instance == NONE {
                 break;
@@ -78,7 +84,7 @@ impl RealTime<'_, '_> {
         if record.places.flags > TASK_CONTROL_FLAGS {
             inputs.flags = interpreter.control_flags_at(&record.places);
         }
-        let count = record.binding.param_count();
+        let count = usize::from(record.params);
         if count > 0 {
             find_params(interpreter, &self.params, &record.places, count, inputs);
         }
@@ -89,13 +95,7 @@ impl RealTime<'_, '_> {
     /// Takes over what a task did, and returns the task instance that follows in its slot. It was
     /// not executed if it is busy.
     #[inline(never)]
-    fn end_task<B: Board>(
-        &mut self,
-        instance: u16,
-        step: Option<Step>,
-        took_ticks: u32,
-        duration_us: u32,
-    ) -> u16 {
+    fn end_task(&mut self, instance: u16, step: Option<Step>) -> u16 {
         let (Some(record), Some(Mission { interpreter, .. })) = (
             self.tasks.lists.tasks.get_mut(usize::from(instance)),
             &mut self.mission,
@@ -117,10 +117,6 @@ impl RealTime<'_, '_> {
         }
         if step == Step::Finished {
             self.finish_task(instance);
-        }
-        if took_ticks > duration_us.saturating_mul(B::TICKS_PER_US) {
-            let end_us = self.executor.robot_us() + u64::from(duration_us);
-            self.note_overrun(instance, took_ticks / B::TICKS_PER_US.max(1), end_us);
         }
         next
     }
@@ -147,7 +143,9 @@ impl RealTime<'_, '_> {
     /// A task took longer than its slot.
     #[cold]
     #[inline(never)]
-    fn note_overrun(&mut self, instance: u16, took_us: u32, end_us: u64) {
+    fn note_overrun<B: Board>(&mut self, instance: u16, took_ticks: u32, duration_us: u32) {
+        let took_us = took_ticks / B::TICKS_PER_US.max(1);
+        let end_us = self.executor.robot_us() + u64::from(duration_us);
         self.tasks.overrun(instance);
         self.note_at(
             end_us,
@@ -183,14 +181,11 @@ pub(super) fn find_params(
     count: usize,
     inputs: &mut Inputs,
 ) {
-    let values = interpreter.tables().params_from(places.first_param);
     let wanted = inputs
         .params
         .get_mut(..count.min(MAX_PARAMS))
         .unwrap_or_default();
-    for (bits, value) in wanted.iter_mut().zip(values) {
-        *bits = value;
-    }
+    interpreter.params_at(places, wanted);
     params.put_into(wanted, places.first_param);
 }
 
