@@ -75,7 +75,7 @@ impl RealTime<'_, '_> {
         }
         let took_ticks = ticks_between::<B>(began_count, board.count());
         self.count_near(board, taken, delay_ticks, took_ticks);
-        if !self.look_up_near::<B>(taken, next, delay_ticks.wrapping_add(took_ticks)) {
+        if !self.look_up_near(board, taken, next, delay_ticks.wrapping_add(took_ticks)) {
             return self.go_on(board, true);
         }
         self.next_start_ticks::<B>()
@@ -114,7 +114,7 @@ impl RealTime<'_, '_> {
         self.count_near(board, taken, delay_ticks, took_ticks);
         self.look_for_failure(board);
         if self.from_link.ready()
-            || !self.look_up_near::<B>(taken, next, delay_ticks.wrapping_add(took_ticks))
+            || !self.look_up_near(board, taken, next, delay_ticks.wrapping_add(took_ticks))
         {
             return self.go_on(board, true);
         }
@@ -265,14 +265,20 @@ impl RealTime<'_, '_> {
 
     /// Looks up the next activation after this one, which was on time, was looked up itself, and
     /// ended so many ticks after its nominal start. False if the next is due already or far away,
-    /// may be the first of another mission, or if the whole clock was not looked at for long.
+    /// or may be the first of another mission.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn look_up_near<B: Board>(&mut self, taken: Near, next: Near, ended_ticks: u32) -> bool {
+    fn look_up_near<B: Board>(
+        &mut self,
+        board: &mut B,
+        taken: Near,
+        next: Near,
+        ended_ticks: u32,
+    ) -> bool {
         let since_us = next.since_us();
         let wait_us = since_us - taken.since_us();
         if wait_us > NEAR_US
             || wait_us * B::TICKS_PER_US <= ended_ticks
-            || since_us >= self.next.look_us
+            || since_us >= self.next.look_us && !self.look_at_clock(board, since_us)
         {
             return false;
         }
@@ -291,6 +297,25 @@ impl RealTime<'_, '_> {
         if instance != NONE {
             self.prepare_first(slot, instance);
         }
+        true
+    }
+
+    /// Looks at the whole clock, which was not looked at for long, before the activation that starts
+    /// so long after the dispatcher's base. False if there is more to be done.
+    #[cold]
+    #[inline(never)]
+    fn look_at_clock<B: Board>(&mut self, board: &mut B, since_us: u32) -> bool {
+        let began_count = board.count();
+        let now_ticks = board.now_ticks();
+        self.settle();
+        self.look_for_stops(board);
+        if self.waiting.is_some() || !matches!(self.mode, Mode::Running) {
+            return false;
+        }
+        self.feed_watchdog(board, now_ticks);
+        self.next.look_us = since_us + LOOK_US;
+        self.count_time(ticks_between::<B>(began_count, board.count()));
+        self.heartbeats.settle_slots(B::TICKS_PER_US);
         true
     }
 

@@ -13,8 +13,7 @@ const BUCKET_BITS: u32 = 2;
 
 /// Usual executions that are counted by themselves, at most.
 const MOST_USUAL: u16 = (1 << 15) - 1;
-/// In [`SlotEntry::usual`]: there was an execution since the supervision asked last, beside those
-/// that are counted there.
+/// In [`SlotEntry::usual`]: there was an execution since the supervision asked last.
 const WAS_EXECUTED: u16 = MOST_USUAL + 1;
 /// Start delays from here on are not usual, in ticks.
 const MOST_USUAL_DELAY: u32 = 1 << 14;
@@ -142,7 +141,7 @@ impl SlotEntry {
     pub(crate) fn count(&mut self, delay_ticks: u32, took_ticks: u32) -> bool {
         let delay = delay_ticks.wrapping_sub(self.first_delay_ticks.into());
         let longer = took_ticks.wrapping_sub(self.min_execution_ticks);
-        let usual = self.usual.wrapping_add(1);
+        let usual = self.usual.wrapping_add(1) | WAS_EXECUTED;
         let (total, carry) = self.total_execution_low.overflowing_add(took_ticks);
         if delay >= self.usual_delays.into()
             || longer >= self.usual_ticks
@@ -162,7 +161,7 @@ impl SlotEntry {
         if usual == 0 {
             return;
         }
-        self.usual = WAS_EXECUTED;
+        self.usual &= WAS_EXECUTED;
         // There was room for them, or else none would have been usual.
         self.executed = self.executed.saturating_add(usual.into());
         self.count_delays(self.first_delay_ticks.into(), usual);
@@ -231,8 +230,9 @@ impl SlotEntry {
 
     /// Whether there was an execution since this was asked last.
     pub(crate) fn take_executed(&mut self) -> bool {
-        self.settle();
-        core::mem::take(&mut self.usual) != 0
+        let was_executed = self.usual & WAS_EXECUTED != 0;
+        self.usual &= MOST_USUAL;
+        was_executed
     }
 
     /// What was counted, for the link; `missed` is the dispatcher's number.
@@ -306,6 +306,9 @@ fn total_nanoseconds(ticks: u64, ticks_per_us: u32) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
     use super::*;
 
     #[test]
@@ -481,6 +484,120 @@ mod tests {
             (counters.executed, counters.total_execution_ns),
             (u32::MAX, 0)
         );
+    }
+
+    /// What happens to a slot, and what somebody wants to know of it.
+    #[derive(Clone, Copy, Debug)]
+    enum Event {
+        /// Executions that begin so late and last so long, so many of them.
+        Executed(u32, u32, u32),
+        /// The link reads the counters.
+        Read,
+        /// The supervision asks.
+        Asked,
+    }
+
+    fn event() -> impl Strategy<Value = Event> {
+        let delay = prop_oneof![
+            6 => 40..44u32,
+            2 => 0..300u32,
+            1 => 16_000..17_000u32,
+            1 => 60_000..200_000u32,
+        ];
+        let took = prop_oneof![
+            8 => 500..504u32,
+            2 => 0..1_100u32,
+            1 => Just(10_000_000),
+        ];
+        let times = prop_oneof![20 => 1..4u32, 1 => 30_000..70_000u32];
+        prop_oneof![
+            6 => (delay, took, times).prop_map(|(delay, took, times)| Event::Executed(delay, took, times)),
+            1 => Just(Event::Read),
+            1 => Just(Event::Asked),
+        ]
+    }
+
+    /// Each counter by itself, as one would write it who need not hurry.
+    #[derive(Default)]
+    struct Plain {
+        counters: SlotCounters,
+        total_ticks: u64,
+        in_a_row: u16,
+        was_executed: bool,
+    }
+
+    impl Plain {
+        fn count(&mut self, delay: u32, took: u32, duration: u32) -> bool {
+            let ns = |ticks: u32| ticks.saturating_mul(NS_PER_US);
+            let counters = &mut self.counters;
+            let is_first = counters.executed == 0;
+            self.was_executed = true;
+            counters.executed += 1;
+            self.total_ticks += u64::from(took);
+            counters.total_execution_ns = self.total_ticks * u64::from(NS_PER_US);
+            let least = |least: u32, ticks: u32| {
+                if is_first {
+                    ns(ticks)
+                } else {
+                    least.min(ns(ticks))
+                }
+            };
+            counters.min_delay_ns = least(counters.min_delay_ns, delay);
+            counters.min_execution_ns = least(counters.min_execution_ns, took);
+            counters.max_delay_ns = counters.max_delay_ns.max(ns(delay));
+            counters.max_execution_ns = counters.max_execution_ns.max(ns(took));
+            let bucket = &mut counters.delays[bucket(delay)];
+            *bucket = bucket.saturating_add(1);
+            let is_overrun = took > duration;
+            if is_overrun {
+                counters.overruns = (counters.overruns + 1).min(u16::MAX.into());
+                self.in_a_row = self.in_a_row.saturating_add(1);
+            } else {
+                self.in_a_row = 0;
+            }
+            is_overrun
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn whatever_happens_in_whichever_order_is_counted_once(
+            events in vec(event(), 1..60),
+        ) {
+            const DURATION: u32 = 1_000;
+            let mut slot = SlotEntry::EMPTY;
+            let mut plain = Plain::default();
+            plain.counters.number = 1;
+            plain.counters.first_bucket_ns = 16 * NS_PER_US;
+            for event in events {
+                match event {
+                    Event::Executed(delay, took, times) => for _ in 0..times {
+                        let is_overrun = count(&mut slot, delay, took, DURATION);
+                        prop_assert_eq!(is_overrun, plain.count(delay, took, DURATION));
+                        prop_assert_eq!(slot.overruns_in_a_row(), plain.in_a_row);
+                    },
+                    Event::Read => prop_assert_eq!(slot.counters(1, 0, 1), plain.counters),
+                    Event::Asked => {
+                        let was_executed = core::mem::take(&mut plain.was_executed);
+                        prop_assert_eq!(slot.take_executed(), was_executed);
+                    }
+                }
+            }
+            prop_assert_eq!(slot.counters(1, 0, 1), plain.counters);
+        }
+    }
+
+    #[test]
+    fn a_bucket_ends_where_the_next_one_begins() {
+        for delay in (0..70_000).chain([u32::MAX]) {
+            let (first, end) = ends_of_bucket(delay);
+            if delay < MOST_USUAL_DELAY {
+                assert!((first..end).contains(&delay), "{delay}");
+                assert_eq!(bucket(first), bucket(end - 1), "{delay}");
+                assert_eq!(bucket(end), bucket(delay) + 1, "{delay}");
+            }
+        }
     }
 
     #[test]
