@@ -309,7 +309,7 @@ impl RealTime<'_, '_> {
         let now_ticks = board.now_ticks();
         self.settle();
         self.look_for_stops(board);
-        if self.waiting.is_some() || !matches!(self.mode, Mode::Running) {
+        if self.waiting.is_some() || !self.is_running() {
             return false;
         }
         self.feed_watchdog(board, now_ticks);
@@ -333,7 +333,7 @@ impl RealTime<'_, '_> {
         let Some(mission) = &self.mission else {
             return;
         };
-        if next.slot == mission.interpreter_slot || !matches!(self.mode, Mode::Running) {
+        if next.slot == mission.interpreter_slot || !self.is_running() {
             return;
         }
         let Some(entry) = self.tasks.lists.slots.get(next.slot) else {
@@ -419,7 +419,7 @@ impl RealTime<'_, '_> {
             self.hold_still(board);
         }
         if let Err(reason) = board.begin_activation(&start)
-            && self.mode == Mode::Running
+            && self.is_running()
         {
             self.fail_safe(board, reason);
         }
@@ -427,13 +427,13 @@ impl RealTime<'_, '_> {
         if activation.interpreter {
             self.send_answered();
             self.listen(start_us);
-            if self.mode == Mode::Running {
+            if self.is_running() {
                 self.macro_step(board, start_us);
             } else {
                 board.motors_off();
             }
         }
-        if self.mode == Mode::Running {
+        if self.is_running() {
             let period_us = self.dispatcher.period_us(activation.slot);
             self.executor.begin(t_us, start_us, period_us);
             let now_ticks = board.now_low_ticks();

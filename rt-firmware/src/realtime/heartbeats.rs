@@ -5,12 +5,12 @@ use core::sync::atomic::Ordering;
 
 use super::RealTime;
 use crate::board::Board;
-use esm_link::message::Mode;
 
 impl RealTime<'_, '_> {
     /// Feeds the watchdog if all have shown that they live who should have.
     #[inline(never)]
     pub(super) fn feed_watchdog<B: Board>(&mut self, board: &mut B, now_ticks: u64) {
+        let is_running = self.is_running();
         let slots = &mut self.tasks.lists.slots;
         let mission = self.mission.as_ref();
         let first_silent_slot = || {
@@ -27,7 +27,7 @@ impl RealTime<'_, '_> {
             now_ticks,
             B::TICKS_PER_US,
             self.heartbeats,
-            matches!(self.mode, Mode::Running),
+            is_running,
             first_silent_slot,
         );
         match (fed, self.kept) {

@@ -190,7 +190,7 @@ impl SlotEntry {
         duration_ticks: u32,
     ) -> bool {
         self.settle();
-        self.usual = WAS_EXECUTED;
+        self.usual |= WAS_EXECUTED;
         self.count_delays(delay_ticks, 1);
         self.min_delay_ticks = self.min_delay_ticks.min(delay_ticks);
         self.max_delay_ticks = self.max_delay_ticks.max(delay_ticks);
