@@ -371,9 +371,10 @@ impl SlotQueue {
         }
     }
 
-    /// Plays the winner's matches anew, from the slot's first one on, with its next key, and returns
-    /// the key of who wins. It met, on its way from where it entered to the final, everybody who
-    /// can be the earliest now. `None`, and nothing is done, where there is no such match.
+    /// Plays the winner's matches anew, from the slot's first one on, with its next key, and
+    /// returns the key of who wins. It met, on its way from where it entered to the final,
+    /// everybody who can be the earliest now. `None`, and nothing is done, where there is no such
+    /// match.
     #[inline]
     fn replay(&mut self, first_match: u32, key: Key) -> Option<Key> {
         let mut player = key;

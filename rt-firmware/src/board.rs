@@ -23,8 +23,8 @@ pub trait Board {
         self.now_ticks() as u32
     }
 
-    /// Bits of [`count`](Self::count) that mean something: a round of it lasts longer than any
-    /// activation.
+    /// Bits of [`count`](Self::count) that mean something, 32 at most: a round of it lasts longer
+    /// than any activation.
     const COUNT_BITS: u32 = u32::BITS;
 
     /// What [`now_low_ticks`](Self::now_low_ticks) tells, in its lowest

@@ -23,7 +23,8 @@
 //!    real-time tasks never preempt each other.
 //! 4. **Types are known.** Each value carries the [`ValueKind`] of what is in its buffer, which has
 //!    its type from [`ValueKind::of`] alone. It is compared with the port's when a task instance is
-//!    executed, and the port's with the handle's at each access.
+//!    executed, unless the buffer is one of the port's own, and the port's with the handle's at
+//!    each access.
 //! 5. **Bound to one robot.** A [`Binding`] points into the banks that it was made for. It is
 //!    executed by the executor of these alone, which compares.
 

@@ -1,7 +1,7 @@
 //! A word from another side to the real-time side: there is something to look at.
 //!
-//! *Invariant:* who sets a signal does so behind all that is to be seen. The real-time side takes it
-//! back first, and looks then. So nothing is overlooked, wherever one interrupts the other.
+//! *Invariant:* who sets a signal does so behind all that is to be seen. The real-time side takes
+//! it back first, and looks then. So nothing is overlooked, wherever one interrupts the other.
 
 use core::sync::atomic::{
     AtomicBool,

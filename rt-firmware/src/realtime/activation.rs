@@ -300,8 +300,8 @@ impl RealTime<'_, '_> {
         true
     }
 
-    /// Looks at the whole clock, which was not looked at for long, before the activation that starts
-    /// so long after the dispatcher's base. False if there is more to be done.
+    /// Looks at the whole clock, which was not looked at for long, before the activation that
+    /// starts so long after the dispatcher's base. False if there is more to be done.
     #[cold]
     #[inline(never)]
     fn look_at_clock<B: Board>(&mut self, board: &mut B, since_us: u32) -> bool {

@@ -510,8 +510,9 @@ mod tests {
             1 => Just(10_000_000),
         ];
         let times = prop_oneof![20 => 1..4u32, 1 => 30_000..70_000u32];
+        let executed = (delay, took, times);
         prop_oneof![
-            6 => (delay, took, times).prop_map(|(delay, took, times)| Event::Executed(delay, took, times)),
+            6 => executed.prop_map(|(delay, took, times)| Event::Executed(delay, took, times)),
             1 => Just(Event::Read),
             1 => Just(Event::Asked),
         ]
