@@ -1484,14 +1484,16 @@ impl<'m> Executor<'m> {
     fn connect_anew(&mut self, binding: &mut Binding, task: BoundTask) -> bool {
         let robot_us = self.state.robot_us;
         for (index, port) in task.declared.ports.iter().enumerate() {
-            let Some(&bound) = binding.ports.get(index) else {
+            let (Some(bound), Some(place)) =
+                (binding.ports.get(index), self.state.values.get_mut(index))
+            else {
                 break;
             };
-            let net = self.nets.get(usize::from(bound.net));
-            let is_alone = binding.alone >> index & 1 != 0;
-            let usual = usual_value(net, bound, is_alone, port, task, robot_us);
-            let found = usual.unwrap_or_else(|| match port.direction {
-                Direction::In => net.and_then(|net| net.fresh(port, robot_us)),
+            *place = match port.direction {
+                Direction::In => self
+                    .nets
+                    .get(usize::from(bound.net))
+                    .and_then(|net| net.fresh(port, robot_us)),
                 _ => choose_buffer(
                     self.nets,
                     self.registry,
@@ -1501,12 +1503,9 @@ impl<'m> Executor<'m> {
                     robot_us,
                     true,
                 ),
-            });
-            if found.is_none() && !port.optional {
+            };
+            if place.is_none() && !port.optional {
                 return false;
-            }
-            if let Some(place) = self.state.values.get_mut(index) {
-                *place = found;
             }
         }
         true

@@ -70,11 +70,16 @@ impl RealTime<'_, '_> {
         };
         self.next.ended += 1;
         self.next.before = taken;
-        if self.heartbeats.attention.is_set() {
-            return self.end_attentively(board, began_count, delay_ticks, (taken, next));
-        }
-        let took_ticks = ticks_between::<B>(began_count, board.count());
-        self.count_near(board, taken, delay_ticks, took_ticks);
+        let took_ticks = if self.heartbeats.attention.is_set() {
+            match self.end_attentively(board, began_count, delay_ticks, taken) {
+                Some(took_ticks) => took_ticks,
+                None => return self.go_on(board, true),
+            }
+        } else {
+            let took_ticks = ticks_between::<B>(began_count, board.count());
+            self.count_near(board, taken, delay_ticks, took_ticks);
+            took_ticks
+        };
         if !self.look_up_near(board, taken, next, delay_ticks.wrapping_add(took_ticks)) {
             return self.go_on(board, true);
         }
@@ -93,7 +98,8 @@ impl RealTime<'_, '_> {
         }
     }
 
-    /// Ends an activation that was looked up after which more is to be looked at than the next one.
+    /// Ends and counts an activation that was looked up after which more is to be looked at than the
+    /// next one. Returns what it took; `None` if there is a command.
     #[cold]
     #[inline(never)]
     fn end_attentively<B: Board>(
@@ -101,8 +107,8 @@ impl RealTime<'_, '_> {
         board: &mut B,
         began_count: u32,
         delay_ticks: u32,
-        (taken, next): (Near, Near),
-    ) -> u64 {
+        taken: Near,
+    ) -> Option<u32> {
         self.heartbeats.attention.take_back();
         let has_executed = core::mem::take(&mut self.next.has_executed);
         if self.from_background.ready() || has_executed && self.tasks.look_for_runs() {
@@ -113,12 +119,7 @@ impl RealTime<'_, '_> {
         let took_ticks = ticks_between::<B>(began_count, board.count());
         self.count_near(board, taken, delay_ticks, took_ticks);
         self.look_for_failure(board);
-        if self.from_link.ready()
-            || !self.look_up_near(board, taken, next, delay_ticks.wrapping_add(took_ticks))
-        {
-            return self.go_on(board, true);
-        }
-        self.next_start_ticks::<B>()
+        (!self.from_link.ready()).then_some(took_ticks)
     }
 
     /// Counts an activation that was looked up.

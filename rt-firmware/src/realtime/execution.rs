@@ -43,6 +43,10 @@ impl RealTime<'_, '_> {
             if took_ticks > duration_ticks && step.is_some() {
                 self.note_overrun::<B>(instance, took_ticks, duration_us);
             }
+            // As a rule there is one.
+            if next == NONE {
+                break;
+            }
             instance = self.tasks.first_enabled(next);
             if instance == NONE {
                 break;

@@ -12,9 +12,11 @@ const FIRST_BUCKET_BITS: u32 = 4;
 const BUCKET_BITS: u32 = 2;
 
 /// Usual executions that are counted by themselves, at most.
-const MOST_USUAL: u16 = (1 << 15) - 1;
+const MOST_USUAL: u16 = u16::MAX / ONE_USUAL;
+/// One of them, in [`SlotEntry::usual`].
+const ONE_USUAL: u16 = 2;
 /// In [`SlotEntry::usual`]: there was an execution since the supervision asked last.
-const WAS_EXECUTED: u16 = MOST_USUAL + 1;
+const WAS_EXECUTED: u16 = 1;
 /// Start delays from here on are not usual, in ticks.
 const MOST_USUAL_DELAY: u32 = 1 << 14;
 
@@ -141,11 +143,11 @@ impl SlotEntry {
     pub(crate) fn count(&mut self, delay_ticks: u32, took_ticks: u32) -> bool {
         let delay = delay_ticks.wrapping_sub(self.first_delay_ticks.into());
         let longer = took_ticks.wrapping_sub(self.min_execution_ticks);
-        let usual = self.usual.wrapping_add(1) | WAS_EXECUTED;
+        let usual = self.usual.wrapping_add(ONE_USUAL) | WAS_EXECUTED;
         let (total, carry) = self.total_execution_low.overflowing_add(took_ticks);
         if delay >= self.usual_delays.into()
             || longer >= self.usual_ticks
-            || usual & MOST_USUAL == 0
+            || usual / ONE_USUAL == 0
             || carry
         {
             return false;
@@ -157,7 +159,7 @@ impl SlotEntry {
 
     /// Adds the number of usual executions to the counters.
     fn settle(&mut self) {
-        let usual = self.usual & MOST_USUAL;
+        let usual = self.usual / ONE_USUAL;
         if usual == 0 {
             return;
         }
@@ -231,7 +233,7 @@ impl SlotEntry {
     /// Whether there was an execution since this was asked last.
     pub(crate) fn take_executed(&mut self) -> bool {
         let was_executed = self.usual & WAS_EXECUTED != 0;
-        self.usual &= MOST_USUAL;
+        self.usual &= !WAS_EXECUTED;
         was_executed
     }
 
