@@ -98,8 +98,8 @@ impl RealTime<'_, '_> {
         }
     }
 
-    /// Ends and counts an activation that was looked up after which more is to be looked at than the
-    /// next one. Returns what it took; `None` if there is a command.
+    /// Ends and counts an activation that was looked up, after which more is to be looked at than
+    /// the next one. Returns what it took; `None` if there is a command.
     #[cold]
     #[inline(never)]
     fn end_attentively<B: Board>(
