@@ -82,6 +82,7 @@ impl<'m> BlobBuffer<'m> {
 impl Deref for BlobBuffer<'_> {
     type Target = [u8];
 
+    #[cfg_attr(feature = "speed", inline(always))]
     fn deref(&self) -> &[u8] {
         self.storage.bytes().get(..self.len).unwrap_or_default()
     }

@@ -68,20 +68,24 @@ fn slot_of(key: Key) -> usize {
 
 /// An activation whose start is near the queue's base.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Near {
-    /// Index of the slot in the blob.
-    pub slot: usize,
-    /// Nominal start in microseconds since the base.
-    pub since_us: u32,
-}
+pub struct Near(Key);
 
 impl Near {
+    /// The first slot at the base.
+    pub const BASE: Near = Near(0);
+
+    /// Index of the slot in the blob.
+    #[must_use]
     #[cfg_attr(feature = "speed", inline(always))]
-    fn of(key: Key) -> Self {
-        Near {
-            slot: slot_of(key),
-            since_us: key >> SLOT_BITS,
-        }
+    pub fn slot(self) -> usize {
+        slot_of(self.0)
+    }
+
+    /// Nominal start in microseconds since the base.
+    #[must_use]
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub fn since_us(self) -> u32 {
+        self.0 >> SLOT_BITS
     }
 }
 
@@ -92,6 +96,8 @@ struct Entry {
     /// The period as what is added to a key; [`FAR`] where that would be more.
     period: Key,
     missed: u32,
+    /// The slot's first match, for as many slots as there are.
+    first_match: u32,
     /// The next nominal start, where its key says that it is far.
     start_us: u64,
 }
@@ -101,6 +107,7 @@ impl Entry {
         period_us: 0,
         period: 0,
         missed: 0,
+        first_match: 0,
         start_us: 0,
     };
 }
@@ -129,13 +136,15 @@ pub struct SlotQueue<S: ?Sized = [Seat]> {
     /// No slot's next start is before this.
     base_us: u64,
     len: usize,
+    /// The key of the slot that won all matches.
+    winner: Key,
     /// The tournament. Match `m`, from 1 to `len - 1`, is between the winners of the matches `2m`
-    /// and `2m + 1`; the slot with index `i` enters at the place of match `len + i`. Kept is the
-    /// key of each match's loser, and in place 0 that of the one who won them all.
+    /// and `2m + 1`; the slot with index `i` enters at the place of match `len + i`. The key of the
+    /// loser of match `m` is kept in seat `m - 1`.
     seats: S,
 }
 
-/// What is kept for a slot, and beside it the result of a match.
+/// What is kept for a slot, and beside it the loser of a match.
 #[derive(Clone, Copy, Debug)]
 pub struct Seat {
     entry: Entry,
@@ -152,6 +161,7 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
             slots: SlotQueue {
                 base_us: 0,
                 len: 0,
+                winner: ABSENT,
                 seats: [Seat {
                     entry: Entry::UNUSED,
                     key: 0,
@@ -224,6 +234,7 @@ impl SlotQueue {
                 period_us: slot.period_us,
                 period: slot.period_us.min(FAR_US) << SLOT_BITS,
                 missed: 0,
+                first_match: (len + index) as u32 / 2,
                 start_us,
             };
         }
@@ -236,16 +247,11 @@ impl SlotQueue {
     #[must_use]
     #[cfg_attr(feature = "speed", inline(always))]
     pub fn next(&self) -> Activation {
-        let [winner, ..] = &self.seats else {
-            return Activation {
-                slot: 0,
-                start_us: 0,
-            };
-        };
+        // The base moves before the earliest start is far from it.
+        let winner = Near(self.winner);
         Activation {
-            slot: slot_of(winner.key),
-            // The base moves before the earliest start is far from it.
-            start_us: self.base_us + u64::from(winner.key >> SLOT_BITS),
+            slot: winner.slot(),
+            start_us: self.base_us + u64::from(winner.since_us()),
         }
     }
 
@@ -274,35 +280,28 @@ impl SlotQueue {
         Some(activation)
     }
 
-    /// The earliest activation, counted from the [base](Self::base_us), if it is near that.
-    #[must_use]
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub fn near(&self) -> Near {
-        match &self.seats {
-            [winner, ..] => Near::of(winner.key),
-            [] => Near::of(0),
-        }
-    }
-
     /// Start that [`Near`] ones are counted from, in microseconds since the origin.
     #[must_use]
     pub fn base_us(&self) -> u64 {
         self.base_us
     }
 
-    /// Takes the earliest activation and returns the one after it: for a caller who knows that it
-    /// is due and that its period has not passed. The base stays. `None`, and nothing is done,
-    /// where that takes arithmetic of 64 bits, which [`take_on_time`](Self::take_on_time) does.
+    /// Takes the earliest activation, and returns it and the one after it: for a caller who knows
+    /// that it is due and that its period has not passed. The base stays. `None`, and nothing is
+    /// done, where that takes arithmetic of 64 bits, which [`take_on_time`](Self::take_on_time)
+    /// does.
     #[cfg_attr(feature = "speed", inline(always))]
-    pub fn take_near(&mut self) -> Option<Near> {
-        let [winner, ..] = &self.seats else {
+    pub fn take_near(&mut self) -> Option<(Near, Near)> {
+        let taken = Near(self.winner);
+        let entry = &self.seats.get(taken.slot())?.entry;
+        // The earliest start is near, and a period at most FAR.
+        let key = self.winner.wrapping_add(entry.period);
+        if key >= FAR {
             return None;
-        };
-        let winner = winner.key;
-        let period = self.seats.get(slot_of(winner))?.entry.period;
-        let key = winner.checked_add(period).filter(|key| *key < FAR)?;
+        }
+        let first_match = entry.first_match;
         // Who wins is not later than this one, and so near.
-        Some(Near::of(replay(&mut self.seats, self.len, key)))
+        Some((taken, Near(self.replay(first_match, key)?)))
     }
 
     /// Takes the earliest activation, whichever time it is: for a caller who knows that it is due
@@ -315,12 +314,14 @@ impl SlotQueue {
 
     /// The slot of the earliest activation starts next at this time.
     fn put(&mut self, slot: usize, start_us: u64) {
-        if let Some(seat) = self.seats.get_mut(slot) {
-            seat.entry.start_us = start_us;
-        }
+        let Some(seat) = self.seats.get_mut(slot) else {
+            return;
+        };
+        seat.entry.start_us = start_us;
+        let first_match = seat.entry.first_match;
         let key = self.key(slot, start_us);
-        let winner = replay(&mut self.seats, self.len, key);
-        if winner >> SLOT_BITS >= REBASE_US {
+        let winner = self.replay(first_match, key);
+        if winner.is_some_and(|winner| winner >> SLOT_BITS >= REBASE_US) {
             self.rebase();
         }
     }
@@ -336,8 +337,12 @@ impl SlotQueue {
     #[cold]
     #[inline(never)]
     fn rebase(&mut self) {
-        for place in 0..self.len {
-            let key = self.seats.get(place).map_or(FAR, |seat| seat.key);
+        let matches = self.len.saturating_sub(1);
+        for place in 0..=matches {
+            let key = match place.checked_sub(1) {
+                None => self.winner,
+                Some(loser) => self.seats.get(loser).map_or(FAR, |seat| seat.key),
+            };
             if key < FAR
                 && let Some(seat) = self.seats.get_mut(slot_of(key))
             {
@@ -352,15 +357,42 @@ impl SlotQueue {
         let seats = self.seats.iter().take(self.len);
         let starts_us = seats.map(|seat| seat.entry.start_us);
         self.base_us = starts_us.min().unwrap_or(0);
+        self.winner = ABSENT;
         for seat in &mut self.seats {
             seat.key = ABSENT;
         }
         for slot in 0..self.len {
-            let start_us = self.seats.get(slot).map_or(0, |seat| seat.entry.start_us);
+            let Some(seat) = self.seats.get(slot) else {
+                return;
+            };
+            let (start_us, first_match) = (seat.entry.start_us, seat.entry.first_match);
             // Who was absent won so far, and is replaced.
-            let key = self.key(slot, start_us);
-            replay(&mut self.seats, self.len, key);
+            self.replay(first_match, self.key(slot, start_us));
         }
+    }
+
+    /// Plays the winner's matches anew, from the slot's first one on, with its next key, and
+    /// returns the key of who wins. It met, on its way from where it entered to the final,
+    /// everybody who can be the earliest now. `None`, and nothing is done, where there is no such
+    /// match.
+    #[inline]
+    fn replay(&mut self, first_match: u32, key: Key) -> Option<Key> {
+        let mut player = key;
+        // The seats up to that of the slot's next match: half as many lead to the match after it.
+        // So no index is compared with a length.
+        let mut way = self.seats.get_mut(..first_match as usize)?;
+        loop {
+            let before = way.len() / 2;
+            let Some(other) = way.last_mut() else {
+                break;
+            };
+            if other.key < player {
+                core::mem::swap(&mut other.key, &mut player);
+            }
+            way = way.get_mut(..before).unwrap_or_default();
+        }
+        self.winner = player;
+        Some(player)
     }
 
     /// Period of a slot in microseconds; 0 if there is no such slot.
@@ -387,28 +419,6 @@ impl SlotQueue {
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
-}
-
-/// Plays the winner's matches anew, with its next key, and returns the key of who wins. It met, on
-/// its way from where it entered to the final, everybody who can be the earliest now.
-#[inline]
-fn replay(seats: &mut [Seat], len: usize, key: Key) -> Key {
-    let mut player = key;
-    // The first match of the slot.
-    let mut at = (len + slot_of(key)) / 2;
-    while at > 0 {
-        let Some(other) = seats.get_mut(at) else {
-            break;
-        };
-        if other.key < player {
-            core::mem::swap(&mut other.key, &mut player);
-        }
-        at /= 2;
-    }
-    if let [winner, ..] = seats {
-        winner.key = player;
-    }
-    player
 }
 
 /// `duration_us / period_us`, by a short division where that is enough. Small cores do a 64-bit one
@@ -498,18 +508,18 @@ mod tests {
         let (mut taken, mut left) = (0, 0);
         for _ in 0..50_000 {
             let expected = plain.next();
-            let found = near.near();
-            assert_eq!(found.slot, expected.slot);
-            assert_eq!(
-                near.base_us() + u64::from(found.since_us),
-                expected.start_us
-            );
+            assert_eq!(near.next(), expected);
             plain.take(expected.start_us).unwrap();
             let base_us = near.base_us();
+            let at = |near: Near| Activation {
+                slot: near.slot(),
+                start_us: base_us + u64::from(near.since_us()),
+            };
             match near.take_near() {
-                Some(next) => {
+                Some((found, next)) => {
                     taken += 1;
-                    assert_eq!((near.near(), near.base_us()), (next, base_us));
+                    assert_eq!((at(found), at(next)), (expected, near.next()));
+                    assert_eq!(near.base_us(), base_us);
                 }
                 None => {
                     left += 1;

@@ -20,8 +20,9 @@ mod walk;
 use core::ops::{Deref, Range};
 
 use crate::arena::WORD_BITS;
-use crate::format;
-use crate::reads::{Checked, DefaultReads, Reads, access::Access};
+use crate::format::{self, Section};
+use crate::layout;
+use crate::reads::{DefaultReads, Reads, access::Access};
 use crate::state_mapping::StateMapping;
 use crate::tables::{Tables, TaskPlaces};
 use crate::verify::Verified;
@@ -320,10 +321,33 @@ impl<B: Deref<Target = [u8]>, R: Access> Interpreter<'_, B, R> {
 
     /// The first 16 control flags of the task instance with these places, the first in the lowest
     /// bit.
+    #[cfg_attr(feature = "speed", inline(always))]
     pub fn control_flags_at(&self, places: &TaskPlaces) -> u16 {
         let first = usize::from(places.first_flag) + format::TASK_CONTROL_FLAGS;
+        // Places need not come from this machine's tables. Behind the flags other words follow: so
+        // a window that begins in them is in the arena.
+        if first >= self.machine.layout.flag_bits {
+            return 0;
+        }
+        let flags = R::window(self.machine.arena, self.machine.places.flags, first);
+        flags as u16 & places.control_flags
+    }
+
+    /// Finds the values of parameters of the task instance with these places, from the first one
+    /// on. Where there are not so many, all are left.
+    pub fn params_at(&self, places: &TaskPlaces, values: &mut [u32]) {
+        let tables = self.verified.tables();
+        let first = usize::from(places.first_param);
         // Places need not come from this machine's tables.
-        Checked::window(self.machine.flag_words(), 0, first) as u16 & places.control_flags
+        let Some(at) = tables.place_of(Section::Params, first, values.len()) else {
+            return;
+        };
+        let blob = R::blob(tables.bytes());
+        let mut place = R::place(tables.bytes(), at);
+        for value in values {
+            *value = R::word(blob, place);
+            place = R::ahead(place, size_of::<layout::Param>());
+        }
     }
 
     /// The exit flag of a task instance.

@@ -553,6 +553,14 @@ impl<'a> Tables<'a> {
         self.bytes.get(at..).unwrap_or(&[])
     }
 
+    /// Where the first of so many records of a section is, from this one on, if there are so many.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(crate) fn place_of(&self, section: Section, first: usize, count: usize) -> Option<usize> {
+        let (start, records) = self.sections[section as usize];
+        let is_inside = first + count <= records as usize;
+        is_inside.then(|| start as usize + first * record_bytes(section))
+    }
+
     /// Number of records of a section.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn count(&self, section: Section) -> usize {
@@ -962,13 +970,6 @@ impl<'a> Tables<'a> {
         let records = self.records::<layout::Connection>();
         let records = records.get(usize::from(first_connection)..).unwrap_or(&[]);
         move |port| records.get(port)?.net.index()
-    }
-
-    /// The values of parameters, from this one on; see [`Self::param`].
-    pub fn params_from(&self, first_param: u16) -> impl Iterator<Item = u32> + use<'a> {
-        let records = self.records::<layout::Param>();
-        let records = records.get(usize::from(first_param)..).unwrap_or(&[]);
-        records.iter().map(|record| record.value.get())
     }
 
     /// First bit of the flag block of a state in a region instance, and its length.

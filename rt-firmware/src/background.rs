@@ -34,7 +34,9 @@ impl Background<'_, '_> {
             .is_none_or(|background_run| background_run.step() == Step::Finished);
         // There is one background run, so that there is room for it.
         self.current = if ended {
-            self.ended.enqueue(place).err()
+            let refused = self.ended.enqueue(place).err();
+            self.heartbeats.attention.set();
+            refused
         } else {
             Some(place)
         };

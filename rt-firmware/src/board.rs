@@ -17,11 +17,22 @@ pub trait Board {
     /// Ticks since the board started. Never goes back and never wraps.
     fn now_ticks(&mut self) -> u64;
 
-    /// The low half of [`now_ticks`](Self::now_ticks), for the time between two instants. It is the
-    /// first that is done when a slot begins: a board that can tell it faster than the whole
-    /// should.
+    /// The low half of [`now_ticks`](Self::now_ticks), for the time between two instants. A board
+    /// that can tell it faster than the whole should.
     fn now_low_ticks(&mut self) -> u32 {
         self.now_ticks() as u32
+    }
+
+    /// Bits of [`count`](Self::count) that mean something, 32 at most: a round of it lasts longer
+    /// than any activation.
+    const COUNT_BITS: u32 = u32::BITS;
+
+    /// What [`now_low_ticks`](Self::now_low_ticks) tells, in its lowest
+    /// [`COUNT_BITS`](Self::COUNT_BITS) alone: what a counter of the clock shows, without any
+    /// arithmetic. Each activation asks for it.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn count(&mut self) -> u32 {
+        self.now_low_ticks()
     }
 
     /// An activation of a slot begins; nothing of it was executed yet. This is where a simulated
@@ -75,6 +86,12 @@ impl<B: Board, P: InputPin> WithStopButton<B, P> {
 impl<B: Board, P: InputPin> Board for WithStopButton<B, P> {
     const TICKS_PER_US: u32 = B::TICKS_PER_US;
     const START_LEAD_US: u32 = B::START_LEAD_US;
+    const COUNT_BITS: u32 = B::COUNT_BITS;
+
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn count(&mut self) -> u32 {
+        self.board.count()
+    }
 
     #[cfg_attr(feature = "speed", inline(always))]
     fn now_ticks(&mut self) -> u64 {
@@ -147,6 +164,12 @@ pub fn microseconds(ticks: u64, ticks_per_us: u32) -> u64 {
         rest = part % divisor;
     }
     quotient
+}
+
+/// Ticks from one [`count`](Board::count) to another, less than a round later.
+#[cfg_attr(feature = "speed", inline(always))]
+pub(crate) fn ticks_between<B: Board>(first: u32, last: u32) -> u32 {
+    last.wrapping_sub(first) & (u32::MAX >> (u32::BITS - B::COUNT_BITS))
 }
 
 /// So many microseconds in ticks of this board's clock.

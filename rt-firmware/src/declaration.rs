@@ -127,11 +127,17 @@ impl ValueKind {
         self.0.tell
     }
 
+    /// Whether both are one `Kind`.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(crate) fn is_same(self, other: ValueKind) -> bool {
+        core::ptr::eq(self.0, other.0)
+    }
+
     /// Whether both are one type. As a rule a type has one `Kind`; where it has several, the types
     /// decide.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn is(self, other: ValueKind) -> bool {
-        core::ptr::eq(self.0, other.0) || self.has_type_of(other)
+        self.is_same(other) || self.has_type_of(other)
     }
 
     #[cold]

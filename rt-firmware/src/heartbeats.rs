@@ -5,6 +5,7 @@ use core::sync::atomic::{
     Ordering::{Acquire, Relaxed, Release},
 };
 
+use crate::signal::Signal;
 use crate::stops::Stops;
 
 /// What sides that are not the real-time side show of themselves.
@@ -23,6 +24,9 @@ pub(crate) struct Heartbeats {
     /// How long the link has worked, in microseconds, the time that slots took from it not
     /// included; wraps. The link's.
     pub(crate) link_us: AtomicU32,
+    /// The real-time side is to look, at the end of a slot, at more than the next one: a background
+    /// run has ended or may begin, a command has come, or a task has failed.
+    pub(crate) attention: Signal,
     /// Wishes that the robot stops.
     pub(crate) stops: Stops,
     /// An emergency stop is latched. Set by whoever wants one, cleared by the real-time side alone,
@@ -44,6 +48,7 @@ impl Heartbeats {
             slots_ticks: AtomicU32::new(0),
             ticks_per_us: AtomicU32::new(0),
             link_us: AtomicU32::new(0),
+            attention: Signal::new(),
             stops: Stops::new(),
             emergency_stop: AtomicBool::new(false),
             stop_pressed: AtomicBool::new(false),

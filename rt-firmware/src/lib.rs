@@ -54,6 +54,7 @@ pub mod retained_ram;
 pub mod ring;
 pub mod rover;
 pub mod runtime;
+mod signal;
 pub mod status;
 mod stops;
 pub mod store;

@@ -23,7 +23,8 @@
 //!    real-time tasks never preempt each other.
 //! 4. **Types are known.** Each value carries the [`ValueKind`] of what is in its buffer, which has
 //!    its type from [`ValueKind::of`] alone. It is compared with the port's when a task instance is
-//!    executed, and the port's with the handle's at each access.
+//!    executed, unless the buffer is one of the port's own, and the port's with the handle's at
+//!    each access.
 //! 5. **Bound to one robot.** A [`Binding`] points into the banks that it was made for. It is
 //!    executed by the executor of these alone, which compares.
 
@@ -646,7 +647,12 @@ pub struct FlagChanges {
     pub values: u16,
 }
 
-const WRONG_HANDLE: &str = "this handle belongs to another task type";
+/// A handle belongs to another task type.
+#[cold]
+#[inline(never)]
+fn wrong_handle() -> ! {
+    panic!("this handle belongs to another task type")
+}
 
 impl<'a> Io<'a> {
     /// The value of a port, if it has one, and the handle is one of the task's.
@@ -655,11 +661,13 @@ impl<'a> Io<'a> {
         let index = usize::from(index);
         let (Some(port), Some(value)) = (self.state.ports.get(index), self.state.values.get(index))
         else {
-            panic!("{}", WRONG_HANDLE)
+            wrong_handle()
         };
         let is_right =
             (port.direction == Direction::In) == is_input && port.kind.is(ValueKind::of::<V>());
-        assert!(is_right, "{}", WRONG_HANDLE);
+        if !is_right {
+            wrong_handle();
+        }
         // SAFETY: the value was found to be of the port's kind (invariant 4), which is that of `V`;
         // its buffer is in a bank that outlives the executor or background run.
         value.map(|value| unsafe { value_in(value) })
@@ -686,7 +694,7 @@ impl<'a> Io<'a> {
     /// The value on an input.
     pub fn read<V: PortType>(&self, port: In<V>) -> &'a V {
         let Some(value) = self.readable(port.index) else {
-            panic!("{}", WRONG_HANDLE)
+            wrong_handle()
         };
         value
     }
@@ -701,7 +709,7 @@ impl<'a> Io<'a> {
     /// net.
     pub fn write<V: PortType>(&mut self, port: Out<V>) -> &mut V {
         let Some(value) = self.writable(port.index) else {
-            panic!("{}", WRONG_HANDLE)
+            wrong_handle()
         };
         value
     }
@@ -709,7 +717,7 @@ impl<'a> Io<'a> {
     /// The value on an `inout` port, to be changed and, when the step ends, published again.
     pub fn update<V: PortType>(&mut self, port: InOut<V>) -> &mut V {
         let Some(value) = self.writable(port.index) else {
-            panic!("{}", WRONG_HANDLE)
+            wrong_handle()
         };
         value
     }
@@ -951,19 +959,19 @@ impl Net {
 
     /// The value, if it has a port's type and is not older than the port wants it at this time on
     /// the robot's clock.
-    #[cfg_attr(feature = "speed", inline(always))]
     fn fresh(&self, port: &PortDeclaration, robot_us: u64) -> Option<NonNull<Head>> {
-        let value = self.value_for(port)?;
-        if let Some(most_us) = port.within_us
-            && robot_us.saturating_sub(self.value_us) > u64::from(most_us)
-        {
-            return None;
-        }
-        Some(value)
+        self.value_for(port)
+            .filter(|_| self.is_fresh(port, robot_us))
+    }
+
+    /// Whether the value is not older than a port wants it.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn is_fresh(&self, port: &PortDeclaration, robot_us: u64) -> bool {
+        port.within_us
+            .is_none_or(|most_us| robot_us.saturating_sub(self.value_us) <= u64::from(most_us))
     }
 
     /// The value, if it has a port's type.
-    #[cfg_attr(feature = "speed", inline(always))]
     fn value_for(&self, port: &PortDeclaration) -> Option<NonNull<Head>> {
         let value = self.value?;
         value.kind.is(port.kind).then_some(value.head)
@@ -997,6 +1005,19 @@ pub struct TaskPlace {
     pub bank: u8,
     /// The task's place in its bank.
     pub place: u8,
+}
+
+impl TaskPlace {
+    /// Both numbers in one, which is compared at once.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn number(self) -> u16 {
+        u16::from_le_bytes([self.bank, self.place])
+    }
+
+    fn of_number(number: u16) -> Self {
+        let [bank, place] = number.to_le_bytes();
+        TaskPlace { bank, place }
+    }
 }
 
 /// What a task said in an execution beside what it published.
@@ -1058,7 +1079,12 @@ pub struct Binding {
     /// Bit n: the task can find what its data port n wrote or changed on no other of its ports, but
     /// where a value is on two nets.
     alone: u8,
+    /// Bit n: what data port n publishes is as old as what it changed.
+    keeps_time: u8,
 }
+
+// A bit for each port.
+const _: () = assert!(MAX_DATA_PORTS <= u8::BITS as usize);
 
 #[derive(Clone, Copy)]
 struct BoundTask {
@@ -1079,6 +1105,7 @@ impl Binding {
         ports: [BoundPort { net: 0, buffer: 0 }; MAX_DATA_PORTS],
         place: TaskPlace { bank: 0, place: 0 },
         alone: 0,
+        keeps_time: 0,
     };
 
     /// The task that it is of.
@@ -1087,7 +1114,6 @@ impl Binding {
     }
 
     /// Number of the task's parameters.
-    #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn param_count(&self) -> usize {
         self.task.map_or(0, |task| task.declared.params.len())
     }
@@ -1138,6 +1164,9 @@ impl Registry<'_> {
             if !finds {
                 binding.alone |= 1 << index;
             }
+            if port.direction == Direction::InOut {
+                binding.keeps_time |= 1 << index;
+            }
         }
         binding
     }
@@ -1168,6 +1197,18 @@ fn distance(task: TaskPointer, buffer: NonNull<Head>) -> usize {
     bytes / BUFFER_UNIT + 1
 }
 
+/// The buffer that is this far, by [`distance`], from its task.
+///
+/// # Safety
+/// It is one of the task's own buffers.
+#[cfg_attr(feature = "speed", inline(always))]
+unsafe fn buffer_at(task: TaskPointer, distance: usize) -> NonNull<Head> {
+    let bytes = distance.wrapping_sub(1).wrapping_mul(BUFFER_UNIT);
+    // SAFETY: as the caller promises, so that it is in the task's place, over all of which the
+    // pointer has provenance.
+    unsafe { task.place.byte_add(bytes) }.cast()
+}
+
 /// [`distance`] as it is kept: 0 where it is too far for that, which is nobody's.
 fn kept_distance(task: TaskPointer, buffer: NonNull<Head>) -> u16 {
     u16::try_from(distance(task, buffer)).unwrap_or(0)
@@ -1182,7 +1223,8 @@ pub struct Executor<'m> {
     nets: &'m mut [Net],
     /// Empty but while nets are carried from one mission to the next. None where they cannot be.
     nets_before: &'m mut [Net],
-    checked_out: Option<TaskPlace>,
+    /// The number of the task that is lent.
+    lent: Option<u16>,
     /// The lent background run belongs to a mission that is over.
     lent_is_stale: bool,
     /// The task that was prepared.
@@ -1222,7 +1264,7 @@ pub fn assemble<'m, const NETS: usize>(
             registry,
             nets,
             nets_before,
-            checked_out: None,
+            lent: None,
             lent_is_stale: false,
             call: None,
             state: IoState::EMPTY,
@@ -1244,7 +1286,7 @@ impl<'m> Executor<'m> {
 
     /// The task that is lent, if there is one.
     pub fn checked_out(&self) -> Option<TaskPlace> {
-        self.checked_out
+        self.lent.map(TaskPlace::of_number)
     }
 
     /// A mission starts: nets are emptied, tasks forget what they knew. A task that is lent does so
@@ -1291,8 +1333,8 @@ impl<'m> Executor<'m> {
         for net in before.iter_mut() {
             net.publish(None, 0);
         }
-        self.lent_is_stale = self.checked_out.is_some();
-        for task in left_behind.filter(|task| self.checked_out != Some(*task)) {
+        self.lent_is_stale = self.lent.is_some();
+        for task in left_behind.filter(|task| self.lent != Some(task.number())) {
             if let Some(bank) = self.registry.bank(usize::from(task.bank)) {
                 // SAFETY: the executor owns all tasks (invariant 1), except for the lent one, which
                 // was left out.
@@ -1357,7 +1399,12 @@ impl<'m> Executor<'m> {
         let Some(task) = binding.task else {
             return false;
         };
-        if task.banks != self.registry.address() || self.checked_out == Some(binding.place) {
+        if let Some(lent) = self.lent
+            && lent == binding.place.number()
+        {
+            return false;
+        }
+        if task.banks != self.registry.address() {
             return false;
         }
         self.state.done = 0;
@@ -1372,6 +1419,12 @@ impl<'m> Executor<'m> {
         true
     }
 
+    /// Whether a task was prepared that was not executed yet.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(crate) fn is_prepared(&self) -> bool {
+        self.call.is_some()
+    }
+
     /// What was prepared is not executed.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn forget(&mut self) {
@@ -1382,14 +1435,16 @@ impl<'m> Executor<'m> {
     /// [`end_step`](Self::end_step).
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn run(&mut self) -> Option<Step> {
-        let Call { task, enter } = self.call.take()?;
+        let Call { task, enter } = self.call?;
         let mut io = Io {
             state: &mut self.state,
         };
         // SAFETY: the pointer is of a task of this executor's banks (invariant 5), which owns it
         // (invariant 1). It is not lent: it was not when it was prepared, and lending takes that
         // back.
-        Some(unsafe { (task.step)(task.place, enter, &mut io) })
+        let step = unsafe { (task.step)(task.place, enter, &mut io) };
+        self.call = None;
+        Some(step)
     }
 
     /// Publishes what the task wrote that was executed last, and tells what else it said, if it
@@ -1404,53 +1459,52 @@ impl<'m> Executor<'m> {
     }
 
     /// Finds the buffer of each data port. False if a required input has no fresh value.
+    #[cfg_attr(feature = "speed", inline(always))]
     fn connect(&mut self, binding: &mut Binding, task: BoundTask) -> bool {
         let robot_us = self.state.robot_us;
-        let ports = task.declared.ports.iter().zip(&mut self.state.values);
-        for (index, (port, value)) in ports.enumerate() {
-            let Some(bound) = binding.ports.get(index) else {
+        let mut alone = binding.alone;
+        let ports = task.declared.ports.iter().zip(&binding.ports);
+        for ((port, bound), place) in ports.zip(&mut self.state.values) {
+            let net = self.nets.get(usize::from(bound.net));
+            let found = match usual_value(net, *bound, alone & 1 != 0, port, task, robot_us) {
+                Some(found) => found,
+                None => return self.connect_anew(binding, task),
+            };
+            *place = found;
+            if found.is_none() && !port.optional {
+                return false;
+            }
+            alone >>= 1;
+        }
+        true
+    }
+
+    /// Finds the buffer of each data port where for one of them a look at its net is not enough.
+    #[inline(never)]
+    fn connect_anew(&mut self, binding: &mut Binding, task: BoundTask) -> bool {
+        let robot_us = self.state.robot_us;
+        for (index, port) in task.declared.ports.iter().enumerate() {
+            let (Some(bound), Some(place)) =
+                (binding.ports.get(index), self.state.values.get_mut(index))
+            else {
                 break;
             };
-            let net = self.nets.get(usize::from(bound.net));
-            let found = match port.direction {
-                Direction::In => net.and_then(|net| net.fresh(port, robot_us)),
-                // Nobody ever reads a buffer of a port that leads nowhere.
-                Direction::Out if bound.net == NO_NET && bound.buffer != 0 => {
-                    let bytes = (usize::from(bound.buffer) - 1) * BUFFER_UNIT;
-                    // SAFETY: it is one of the port's own buffers, as binding and choosing found,
-                    // and so in the task's place, over all of which the pointer has provenance.
-                    Some(unsafe { task.pointer.place.byte_add(bytes) }.cast())
-                }
-                // What this port wrote last is written over, or else its value is changed in place,
-                // where it can be seen nowhere else.
-                direction => {
-                    let last = net.and_then(|net| match direction {
-                        Direction::InOut => net.fresh(port, robot_us),
-                        _ => net.value_for(port).filter(|value| {
-                            distance(task.pointer, *value) == usize::from(bound.buffer)
-                        }),
-                    });
-                    // SAFETY: a value on a net is in a buffer of this executor's banks (invariant
-                    // 1).
-                    let last =
-                        last.filter(|value| unsafe { head(*value) }.uses.get() == PUBLISHED_ONCE);
-                    if last.is_some() && binding.alone >> index & 1 != 0 {
-                        last
-                    } else {
-                        choose_buffer(
-                            self.nets,
-                            self.registry,
-                            binding,
-                            task,
-                            index,
-                            robot_us,
-                            true,
-                        )
-                    }
-                }
+            *place = match port.direction {
+                Direction::In => self
+                    .nets
+                    .get(usize::from(bound.net))
+                    .and_then(|net| net.fresh(port, robot_us)),
+                _ => choose_buffer(
+                    self.nets,
+                    self.registry,
+                    binding,
+                    task,
+                    index,
+                    robot_us,
+                    true,
+                ),
             };
-            *value = found;
-            if found.is_none() && !port.optional {
+            if place.is_none() && !port.optional {
                 return false;
             }
         }
@@ -1458,28 +1512,35 @@ impl<'m> Executor<'m> {
     }
 
     /// Publishes what the task wrote. What was changed keeps its time.
+    #[cfg_attr(feature = "speed", inline(always))]
     fn publish(&mut self, binding: &Binding) {
         let mut written = self.state.done & WRITTEN_PORTS;
         while written != 0 {
             let index = written.trailing_zeros() as usize;
             written &= written - 1;
-            let (Some(port), Some(bound), Some(&value)) = (
-                self.state.ports.get(index),
-                binding.ports.get(index),
-                self.state.values.get(index),
-            ) else {
+            let (Some(bound), Some(&value)) =
+                (binding.ports.get(index), self.state.values.get(index))
+            else {
                 return;
             };
             let Some(net) = self.nets.get_mut(usize::from(bound.net)) else {
                 continue;
             };
-            if port.direction == Direction::Out {
+            if binding.keeps_time >> index & 1 == 0 {
                 net.value_us = self.state.robot_us;
             }
             if net.value.map(|value| value.head) != value {
-                let kind = port.kind;
-                net.publish(value.map(|head| ErasedBuffer { head, kind }), net.value_us);
+                self.publish_another(usize::from(bound.net), index, value);
             }
+        }
+    }
+
+    /// Publishes a value on a net that has another one, or none.
+    #[inline(never)]
+    fn publish_another(&mut self, net: usize, port: usize, value: Option<NonNull<Head>>) {
+        if let (Some(net), Some(port)) = (self.nets.get_mut(net), self.state.ports.get(port)) {
+            let kind = port.kind;
+            net.publish(value.map(|head| ErasedBuffer { head, kind }), net.value_us);
         }
     }
 
@@ -1507,7 +1568,7 @@ impl<'m> Executor<'m> {
     ) -> Option<BackgroundRun<'m>> {
         self.call = None;
         let task = binding.task?;
-        if task.banks != self.registry.address() || self.checked_out.is_some() {
+        if task.banks != self.registry.address() || self.lent.is_some() {
             return None;
         }
         let mut binding = *binding;
@@ -1549,7 +1610,7 @@ impl<'m> Executor<'m> {
             // SAFETY: a value on a net is in a buffer of this executor's banks (invariant 1).
             unsafe { head(value) }.pin();
         }
-        self.checked_out = Some(binding.place);
+        self.lent = Some(binding.place.number());
         self.lent_is_stale = false;
         Some(BackgroundRun {
             binding,
@@ -1568,7 +1629,7 @@ impl<'m> Executor<'m> {
         // A list of banks is borrowed by one executor alone, and one that has lent a task is not
         // empty: its address is nobody else's.
         let own = core::ptr::eq(self.registry.banks, background_run.banks);
-        if !own || self.checked_out != Some(background_run.binding.place) {
+        if !own || self.lent != Some(background_run.binding.place.number()) {
             return ReturnedRun::Foreign;
         }
         for value in read_by(&background_run.state) {
@@ -1576,7 +1637,7 @@ impl<'m> Executor<'m> {
             // buffers of its banks (invariant 1).
             unsafe { head(value) }.unpin();
         }
-        self.checked_out = None;
+        self.lent = None;
         if core::mem::take(&mut self.lent_is_stale) {
             let place = background_run.binding.place;
             if let Some(bank) = self.registry.bank(usize::from(place.bank)) {
@@ -1683,6 +1744,44 @@ fn read_by(state: &IoState) -> impl Iterator<Item = NonNull<Head>> {
     ports
         .filter(|(port, _)| port.direction == Direction::In)
         .filter_map(|(_, value)| *value)
+}
+
+/// The buffer of a port, where it takes no more than a look at its net: whose value it reads, or
+/// writes over or changes in place, since it can be seen nowhere else.
+#[cfg_attr(feature = "speed", inline(always))]
+fn usual_value(
+    net: Option<&Net>,
+    bound: BoundPort,
+    is_alone: bool,
+    port: &PortDeclaration,
+    task: BoundTask,
+    robot_us: u64,
+) -> Option<Option<NonNull<Head>>> {
+    // SAFETY: a value on a net is in a buffer of its executor's banks (invariant 1).
+    let is_own =
+        |value: NonNull<Head>| is_alone && unsafe { head(value) }.uses.get() == PUBLISHED_ONCE;
+    if port.direction == Direction::Out {
+        let buffer = usize::from(bound.buffer);
+        return match net {
+            // Of the port's own buffers, so that it has the port's type.
+            Some(net) => {
+                let value = net.value?.head;
+                let is_last = distance(task.pointer, value) == buffer;
+                (is_last && is_own(value)).then_some(Some(value))
+            }
+            // Nobody ever reads a buffer of a port that leads nowhere.
+            // SAFETY: it is one of the port's own, as binding and choosing found.
+            None => (bound.net == NO_NET && buffer != 0)
+                .then(|| Some(unsafe { buffer_at(task.pointer, buffer) })),
+        };
+    }
+    let Some((net, value)) = net.and_then(|net| Some((net, net.value?))) else {
+        return Some(None);
+    };
+    let is_usual = value.kind.is_same(port.kind)
+        && net.is_fresh(port, robot_us)
+        && (port.direction == Direction::In || is_own(value.head));
+    is_usual.then_some(Some(value.head))
 }
 
 /// Finds the buffer for a port that is written or changed where it is not the usual one: an

@@ -11,16 +11,16 @@
 //! first, and looks at the counts then. So no wish is lost, wherever one interrupts the other.
 
 use core::sync::atomic::{
-    AtomicBool, AtomicU32,
-    Ordering::{Acquire, Relaxed, Release, SeqCst},
-    fence,
+    AtomicU32,
+    Ordering::{Acquire, Relaxed, Release},
 };
+
+use crate::signal::Signal;
 
 /// What is known of stops that were wished for. Counts wrap.
 pub(crate) struct Stops {
-    /// The real-time side is to look. Set by whoever wishes for a stop, cleared by the real-time
-    /// side.
-    called: AtomicBool,
+    /// The real-time side is to look. Set by whoever wishes for a stop.
+    called: Signal,
     /// Wishes heard on the line. The listener's.
     heard: AtomicU32,
     /// How many bytes of the line had been kept for the link when the last one was heard. The
@@ -50,7 +50,7 @@ fn add_one(word: &AtomicU32) -> u32 {
 impl Stops {
     pub(crate) const fn new() -> Self {
         Stops {
-            called: AtomicBool::new(false),
+            called: Signal::new(),
             heard: AtomicU32::new(0),
             heard_at: AtomicU32::new(0),
             read: AtomicU32::new(0),
@@ -96,22 +96,18 @@ impl Stops {
 
     /// Calls the real-time side. To be called behind all that it is to see.
     pub(crate) fn call(&self) {
-        preemptible!();
-        fence(SeqCst);
-        self.called.store(true, Release);
-        preemptible!();
+        self.called.set();
     }
 
     /// Whether the real-time side is called. The one look that each slot takes.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn is_called(&self) -> bool {
-        self.called.load(Relaxed)
+        self.called.is_set()
     }
 
     /// Takes the call back. For the real-time side, before it looks at what was wished for.
     pub(crate) fn take_call(&self) {
-        self.called.store(false, Relaxed);
-        fence(SeqCst);
+        self.called.take_back();
     }
 
     /// How many wishes there were.

@@ -7,6 +7,8 @@
 use std::collections::BTreeMap;
 
 use esm_core::format::{CRC_BYTES, crc32};
+use esm_core::reads::{Checked, Reads, Unchecked};
+use esm_core::tables::TaskPlaces;
 use esm_core::{Interpreter, Observer, Verified};
 use esm_tests::random::Random;
 use esm_tests::{random_machine, subject};
@@ -221,4 +223,39 @@ fn several_changed_words_are_refused_or_harmless() {
         println!("{name}: {tally:?}");
         assert!(tally.refused.len() >= 3, "{name}: only {tally:?}");
     }
+}
+
+/// What a task instance with places finds: its flags and its parameters, which were 9 before.
+fn found<R: Reads<Vec<u8>>>(blob: &[u8], change: impl FnOnce(&mut TaskPlaces)) -> (u16, [u32; 2]) {
+    let verified = subject::verified(blob).unwrap();
+    let mut places = verified.tables().task_places(0).unwrap();
+    let mut arena = vec![0; verified.arena_words()];
+    let mut interpreter = Interpreter::<_, R>::with_reads(verified, &mut arena).unwrap();
+    for flag in 0..2 {
+        interpreter.set_flag_at(&places, flag, true);
+    }
+    change(&mut places);
+    let mut params = [9; 2];
+    interpreter.params_at(&places, &mut params);
+    (interpreter.control_flags_at(&places), params)
+}
+
+#[test]
+fn places_that_are_not_in_a_missions_tables_lead_nowhere() {
+    let text = "interpreter slot 1; slot 1 period 10 ms duration 1 ms; slot 2 period 10 ms duration 1 ms;\n\
+        task Work slot 2 { in flag go; out flag near; param gain: u32 = 3; param limit: u32 = 5; }\n\
+        machine M { region r { task T: Work; initial -> T; } }\n";
+    let blob = subject::build(text).unwrap().blob;
+    let both = |change: fn(&mut TaskPlaces)| {
+        let found_checked = found::<Checked>(&blob, change);
+        assert_eq!(found::<Unchecked>(&blob, change), found_checked);
+        found_checked
+    };
+    assert_eq!(both(|_| ()), (0b11, [3, 5]));
+    assert_eq!(both(|places| places.first_param = 1), (0b11, [9, 9]));
+    assert_eq!(both(|places| places.first_param = u16::MAX), (0b11, [9, 9]));
+    assert_eq!(both(|places| places.first_flag = u16::MAX), (0, [3, 5]));
+    assert_eq!(both(|places| places.flags = u16::MAX), (0, [3, 5]));
+    assert_eq!(both(|places| places.flags = 4), (0b1, [3, 5]));
+    assert_eq!(both(|places| places.flags = 0), (0, [3, 5]));
 }

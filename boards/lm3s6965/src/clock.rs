@@ -16,16 +16,17 @@ use crate::registers::{sys_tick, system_control};
 pub use crate::settings::TICKS_PER_US;
 
 /// Bits that SysTick counts.
-const SYS_TICK_BITS: u32 = 24;
+pub const SYS_TICK_BITS: u32 = 24;
 /// Where SysTick begins, and the mask of a difference of two of its counts.
 pub const SYS_TICK_MAX: u32 = (1 << SYS_TICK_BITS) - 1;
 
 static CLOCK: Clock<SYS_TICK_BITS> = Clock::new();
 
-/// Ticks since start-up, their lowest bits: SysTick counts down.
+/// Ticks since start-up, their [lowest bits](SYS_TICK_BITS): SysTick counts down. Those above mean
+/// nothing.
 #[inline(always)]
-fn count() -> u32 {
-    SYS_TICK_MAX.wrapping_sub(sys_tick::CVR.read())
+pub fn count() -> u32 {
+    !sys_tick::CVR.read()
 }
 
 /// Sets the system clock to 50 MHz and starts SysTick. To be called once, before anything that

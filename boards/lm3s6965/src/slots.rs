@@ -27,6 +27,7 @@ impl SlotBoard {
 
 impl Board for SlotBoard {
     const TICKS_PER_US: u32 = TICKS_PER_US;
+    const COUNT_BITS: u32 = clock::SYS_TICK_BITS;
 
     fn now_ticks(&mut self) -> u64 {
         clock::advance()
@@ -35,6 +36,11 @@ impl Board for SlotBoard {
     #[inline(always)]
     fn now_low_ticks(&mut self) -> u32 {
         clock::low_ticks()
+    }
+
+    #[inline(always)]
+    fn count(&mut self) -> u32 {
+        clock::count()
     }
 
     // Not inlined: no task should run on top of the exchange's messages.

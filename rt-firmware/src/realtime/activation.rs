@@ -19,7 +19,7 @@ use super::slots::SlotEntry;
 use super::tasks::NONE;
 use super::trace::StepObserver;
 use super::{IDLE_POLL_US, RealTime};
-use crate::board::{ActivationStart, Board, ticks};
+use crate::board::{ActivationStart, Board, ticks, ticks_between};
 use crate::features::{SPEED, WARM};
 use esm_link::message::{Mode, SafeReason};
 
@@ -37,7 +37,8 @@ fn mission_window<B: Board>(shortest_period_us: u32) -> u32 {
     /// Less than half a round of the clock, so that one that has gone half around is not taken for
     /// one that is late.
     const LONGEST_WINDOW_US: u32 = i32::MAX as u32 / u16::MAX as u32;
-    shortest_period_us.min(LONGEST_WINDOW_US) * B::TICKS_PER_US
+    let window_ticks = shortest_period_us.min(LONGEST_WINDOW_US) * B::TICKS_PER_US;
+    window_ticks.min(1 << (B::COUNT_BITS - 1))
 }
 
 impl RealTime<'_, '_> {
@@ -47,8 +48,8 @@ impl RealTime<'_, '_> {
     #[cfg_attr(feature = "speed", inline(always))]
     pub fn on_timer<B: Board>(&mut self, board: &mut B) -> u64 {
         // Nothing comes before this: it is what the delay of a slot is made of.
-        let now_ticks = board.now_low_ticks();
-        let delay_ticks = now_ticks.wrapping_sub(self.next.start_ticks);
+        let began_count = board.count();
+        let delay_ticks = ticks_between::<B>(self.next.start_ticks, began_count);
         if delay_ticks >= self.next.window_ticks || self.is_stop_wanted(board) {
             return self.go_on(board, false);
         }
@@ -56,42 +57,89 @@ impl RealTime<'_, '_> {
         if let Err(reason) = board.begin_activation(&start) {
             return self.begin_in_vain(board, &start, delay_ticks, reason);
         }
-        let instance = self.next.instance;
-        if instance != NONE {
-            self.execute_tasks(board, instance, now_ticks, self.next.duration_us);
+        if self.executor.is_prepared() {
+            self.execute_near(board, began_count);
         }
-        let taken = self.dispatcher.near();
-        let next = if SPEED {
+        let both = if SPEED {
             self.dispatcher.take_near()
         } else {
             None
         };
-        let Some(next) = next else {
-            return self.end_far(board, now_ticks, delay_ticks);
+        let Some((taken, next)) = both else {
+            return self.end_far(board, began_count, delay_ticks);
         };
-        let wait_us = next.since_us - taken.since_us;
         self.next.ended += 1;
-        self.next.wait_us = wait_us;
-        self.next.before_us = self.next.duration_us;
-        let mut may_have_failed = instance != NONE;
-        if self.from_background.ready() || instance != NONE && self.tasks.look_for_runs() {
-            self.change_jobs_near(taken.slot);
-            may_have_failed = true;
-        }
-        let ended_ticks = board.now_low_ticks();
-        let took_ticks = ended_ticks.wrapping_sub(now_ticks);
-        self.count_time(took_ticks);
-        self.count_execution(board, taken.slot, delay_ticks, took_ticks);
-        if may_have_failed {
-            self.look_for_failure(board);
-        }
-        if self.from_link.ready()
-            || wait_us > NEAR_US
-            || !self.look_up_near::<B>(&next, ended_ticks)
-        {
+        self.next.before = taken;
+        let took_ticks = if self.heartbeats.attention.is_set() {
+            match self.end_attentively(board, began_count, delay_ticks, taken) {
+                Some(took_ticks) => took_ticks,
+                None => return self.go_on(board, true),
+            }
+        } else {
+            let took_ticks = ticks_between::<B>(began_count, board.count());
+            self.count_near(board, taken, delay_ticks, took_ticks);
+            took_ticks
+        };
+        if !self.look_up_near(board, taken, next, delay_ticks.wrapping_add(took_ticks)) {
             return self.go_on(board, true);
         }
         self.next_start_ticks::<B>()
+    }
+
+    /// Executes the tasks of an activation that was looked up.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn execute_near<B: Board>(&mut self, board: &mut B, began_count: u32) {
+        let slot = |this: &Self| this.dispatcher.next().slot;
+        self.execute_tasks(board, self.next.instance, began_count, slot);
+        // A background run may lack what a task has just published.
+        if self.tasks.look_for_runs() || self.failure.is_some() {
+            self.next.has_executed = true;
+            self.heartbeats.attention.set();
+        }
+    }
+
+    /// Ends and counts an activation that was looked up, after which more is to be looked at than
+    /// the next one. Returns what it took; `None` if there is a command.
+    #[cold]
+    #[inline(never)]
+    fn end_attentively<B: Board>(
+        &mut self,
+        board: &mut B,
+        began_count: u32,
+        delay_ticks: u32,
+        taken: Near,
+    ) -> Option<u32> {
+        self.heartbeats.attention.take_back();
+        let has_executed = core::mem::take(&mut self.next.has_executed);
+        if self.from_background.ready() || has_executed && self.tasks.look_for_runs() {
+            self.settle();
+            let start_us = self.dispatcher.base_us() + u64::from(taken.since_us());
+            self.change_runs(taken.slot(), start_us);
+        }
+        let took_ticks = ticks_between::<B>(began_count, board.count());
+        self.count_near(board, taken, delay_ticks, took_ticks);
+        self.look_for_failure(board);
+        (!self.from_link.ready()).then_some(took_ticks)
+    }
+
+    /// Counts an activation that was looked up.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn count_near(
+        &mut self,
+        board: &mut impl Board,
+        taken: Near,
+        delay_ticks: u32,
+        took_ticks: u32,
+    ) {
+        self.count_time(took_ticks);
+        self.count_execution(board, taken.slot(), delay_ticks, took_ticks);
+    }
+
+    /// Duration of a slot in microseconds.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn duration_us(&self, slot: usize) -> u32 {
+        let slot = self.tasks.lists.slots.get(slot);
+        slot.map_or(0, SlotEntry::duration_us)
     }
 
     /// When the activation starts that was looked up. A board that asks for the low half alone does
@@ -99,33 +147,25 @@ impl RealTime<'_, '_> {
     #[cfg_attr(feature = "speed", inline(always))]
     fn next_start_ticks<B: Board>(&self) -> u64 {
         const LOW: u64 = u32::MAX as u64;
-        let whole = self.mission.as_ref().map_or(0, |mission| {
-            mission.origin.ticks + ticks::<B>(self.dispatcher.next().start_us)
-        });
+        let whole = match &self.mission {
+            Some(mission) => mission.origin.ticks + ticks::<B>(self.dispatcher.next().start_us),
+            None => 0,
+        };
         whole & !LOW | u64::from(self.next.start_ticks)
-    }
-
-    /// Changes background runs in an activation that was looked up.
-    #[inline(never)]
-    fn change_jobs_near(&mut self, slot: usize) {
-        self.settle();
-        let next_us = self.dispatcher.next().start_us;
-        self.change_runs(slot, next_us.saturating_sub(self.next.wait_us.into()));
     }
 
     /// Ends an activation of a slot whose next start is far away.
     #[cold]
     #[inline(never)]
-    fn end_far<B: Board>(&mut self, board: &mut B, began_ticks: u32, delay_ticks: u32) -> u64 {
-        let duration_us = self.next.duration_us;
+    fn end_far<B: Board>(&mut self, board: &mut B, began_count: u32, delay_ticks: u32) -> u64 {
         self.settle();
         let taken = self.dispatcher.next();
         self.dispatcher.take_on_time();
-        self.end(taken.start_us, duration_us);
+        self.end(taken.start_us, self.duration_us(taken.slot));
         if self.from_background.ready() || self.tasks.look_for_runs() {
             self.change_runs(taken.slot, taken.start_us);
         }
-        let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks);
+        let took_ticks = ticks_between::<B>(began_count, board.count());
         self.count_time(took_ticks);
         self.count_execution(board, taken.slot, delay_ticks, took_ticks);
         self.look_for_failure(board);
@@ -148,7 +188,7 @@ impl RealTime<'_, '_> {
         let since_us = origin.us + start_us;
         let previous_end_us = match self.next.ended {
             0 => self.previous_end_us,
-            _ => since_us - u64::from(self.next.wait_us) + u64::from(self.next.before_us),
+            _ => origin.us + self.before_end_us(),
         };
         ActivationStart {
             slot,
@@ -170,11 +210,10 @@ impl RealTime<'_, '_> {
         delay_ticks: u32,
         reason: SafeReason,
     ) -> u64 {
-        let duration_us = self.next.duration_us;
         self.settle();
         let taken = self.dispatcher.next();
         self.dispatcher.take_on_time();
-        self.end(taken.start_us, duration_us);
+        self.end(taken.start_us, self.duration_us(taken.slot));
         self.count_delay::<B>(delay_ticks);
         self.fail_safe(board, reason);
         self.count_time(
@@ -204,47 +243,80 @@ impl RealTime<'_, '_> {
         }
     }
 
+    /// Nominal end of the activation before the one that was looked up, since the origin.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn before_end_us(&self) -> u64 {
+        let before = self.next.before;
+        let start_us = self.dispatcher.base_us() + u64::from(before.since_us());
+        start_us + u64::from(self.duration_us(before.slot()))
+    }
+
     /// Works out what was counted in 32 bits of the activations that were looked up: as long as the
     /// dispatcher's next one is what they left.
     pub(super) fn settle(&mut self) {
         let ended = core::mem::take(&mut self.next.ended);
-        if SPEED
-            && ended != 0
-            && let Some(mission) = &mut self.mission
-        {
-            mission.activations += u64::from(ended);
-            let start_us = self.dispatcher.next().start_us;
-            let before_us = start_us.saturating_sub(self.next.wait_us.into());
-            self.previous_end_us = mission.robot_us(before_us) + u64::from(self.next.before_us);
+        if SPEED && ended != 0 {
+            let end_us = self.before_end_us();
+            if let Some(mission) = &mut self.mission {
+                mission.activations += u64::from(ended);
+                self.previous_end_us = mission.robot_us(end_us);
+            }
         }
     }
 
-    /// Looks up the next activation after one that was on time and was looked up itself. False if
-    /// it is due already, may be the first of another mission, or if the whole clock was not looked
-    /// at for long.
+    /// Looks up the next activation after this one, which was on time, was looked up itself, and
+    /// ended so many ticks after its nominal start. False if the next is due already or far away,
+    /// or may be the first of another mission.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn look_up_near<B: Board>(&mut self, next: &Near, now_ticks: u32) -> bool {
-        if next.since_us >= self.next.look_us {
+    fn look_up_near<B: Board>(
+        &mut self,
+        board: &mut B,
+        taken: Near,
+        next: Near,
+        ended_ticks: u32,
+    ) -> bool {
+        let since_us = next.since_us();
+        let wait_us = since_us - taken.since_us();
+        if wait_us > NEAR_US
+            || wait_us * B::TICKS_PER_US <= ended_ticks
+            || since_us >= self.next.look_us && !self.look_at_clock(board, since_us)
+        {
             return false;
         }
-        let since_ticks = next.since_us.wrapping_mul(B::TICKS_PER_US);
+        let since_ticks = since_us.wrapping_mul(B::TICKS_PER_US);
         let start_ticks = self.next.base_ticks.wrapping_add(since_ticks);
-        if start_ticks.wrapping_sub(now_ticks) as i32 <= 0 {
-            return false;
-        }
         self.next.start_ticks = start_ticks;
-        if next.slot == self.next.interpreter_slot {
+        let slot = next.slot();
+        if slot == self.next.interpreter_slot {
             self.next.window_ticks = 0;
             return !self.may_change_mission();
         }
-        let Some(entry) = self.tasks.lists.slots.get(next.slot) else {
+        let Some(entry) = self.tasks.lists.slots.get(slot) else {
             return false;
         };
-        self.next.duration_us = entry.duration_us();
-        self.next.instance = entry.first_enabled();
-        if self.next.instance != NONE && !self.prepare_first(next.slot) {
-            self.next.window_ticks = 0;
+        let instance = entry.first_enabled();
+        if instance != NONE {
+            self.prepare_first(slot, instance);
         }
+        true
+    }
+
+    /// Looks at the whole clock, which was not looked at for long, before the activation that
+    /// starts so long after the dispatcher's base. False if there is more to be done.
+    #[cold]
+    #[inline(never)]
+    fn look_at_clock<B: Board>(&mut self, board: &mut B, since_us: u32) -> bool {
+        let began_count = board.count();
+        let now_ticks = board.now_ticks();
+        self.settle();
+        self.look_for_stops(board);
+        if self.waiting.is_some() || !self.is_running() {
+            return false;
+        }
+        self.feed_watchdog(board, now_ticks);
+        self.next.look_us = since_us + LOOK_US;
+        self.count_time(ticks_between::<B>(began_count, board.count()));
+        self.heartbeats.settle_slots(B::TICKS_PER_US);
         true
     }
 
@@ -262,7 +334,7 @@ impl RealTime<'_, '_> {
         let Some(mission) = &self.mission else {
             return;
         };
-        if next.slot == mission.interpreter_slot || self.mode != Mode::Running {
+        if next.slot == mission.interpreter_slot || !self.is_running() {
             return;
         }
         let Some(entry) = self.tasks.lists.slots.get(next.slot) else {
@@ -272,34 +344,38 @@ impl RealTime<'_, '_> {
         let base_ticks = mission.origin.ticks + ticks::<B>(base_us);
         // The look was at most a few milliseconds ago, and the next one starts soon.
         let near_us = (next.start_us - base_us) as u32;
+        let instance = entry.first_enabled();
         self.next = Next {
             start_ticks: start_ticks as u32,
             window_ticks: mission_window::<B>(self.shortest_period_us),
-            duration_us: entry.duration_us(),
             base_ticks: base_ticks as u32,
             look_us: near_us + LOOK_US,
             interpreter_slot: mission.interpreter_slot,
-            instance: entry.first_enabled(),
             ..Next::NOTHING
         };
-        if self.next.instance != NONE && !self.prepare_first(next.slot) {
-            self.next.window_ticks = 0;
+        self.executor.forget();
+        if instance != NONE {
+            self.prepare_first(next.slot, instance);
         }
     }
 
-    /// Prepares the first task of an activation. False if it cannot be executed.
+    /// Prepares the first task of an activation. Where it cannot be executed, the activation is not
+    /// looked up.
     #[inline(never)]
-    fn prepare_first(&mut self, slot: usize) -> bool {
+    fn prepare_first(&mut self, slot: usize, instance: u16) {
+        self.next.instance = instance;
         if let Some(mission) = &self.mission {
             let start_us = self.dispatcher.next().start_us;
             let period_us = self.dispatcher.period_us(slot);
             self.executor.begin(
-                mission.t_us(start_us),
+                mission.t_us_of_activation(start_us),
                 mission.robot_us(start_us),
                 period_us,
             );
         }
-        self.prepare_task(self.next.instance)
+        if !self.prepare_task(instance) {
+            self.next.window_ticks = 0;
+        }
     }
 
     /// What was looked up is so no more.
@@ -337,15 +413,14 @@ impl RealTime<'_, '_> {
             previous_end_us: self.previous_end_us.min(start_us),
             interpreter: activation.interpreter,
         };
-        let slot = self.tasks.lists.slots.get(activation.slot);
-        let duration_us = slot.map_or(0, SlotEntry::duration_us);
+        let duration_us = self.duration_us(activation.slot);
         self.end(activation.start_us, duration_us);
         self.count_delay::<B>(delay_ticks);
         if self.mode == Mode::EmergencyStopped {
             self.hold_still(board);
         }
         if let Err(reason) = board.begin_activation(&start)
-            && self.mode == Mode::Running
+            && self.is_running()
         {
             self.fail_safe(board, reason);
         }
@@ -353,13 +428,13 @@ impl RealTime<'_, '_> {
         if activation.interpreter {
             self.send_answered();
             self.listen(start_us);
-            if self.mode == Mode::Running {
+            if self.is_running() {
                 self.macro_step(board, start_us);
             } else {
                 board.motors_off();
             }
         }
-        if self.mode == Mode::Running {
+        if self.is_running() {
             let period_us = self.dispatcher.period_us(activation.slot);
             self.executor.begin(t_us, start_us, period_us);
             let now_ticks = board.now_low_ticks();
@@ -367,8 +442,8 @@ impl RealTime<'_, '_> {
             let first = slot.map_or(NONE, SlotEntry::first_enabled);
             if first != NONE {
                 self.prepare_task(first);
+                self.execute_tasks(board, first, now_ticks, |_| activation.slot);
             }
-            self.execute_tasks(board, first, now_ticks, duration_us);
             if self.tasks.look_for_runs() {
                 self.start_run(activation.start_us, activation.number);
             }

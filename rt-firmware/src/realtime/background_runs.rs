@@ -11,7 +11,6 @@ use super::execution::{apply_flags, find_params};
 use super::running::Activation;
 use super::tasks::TaskTable;
 use crate::ports::ReturnedRun;
-use esm_link::message::Mode;
 use esm_link::trace::TraceEvent;
 
 impl RealTime<'_, '_> {
@@ -19,7 +18,7 @@ impl RealTime<'_, '_> {
     /// began last. It has no macro step.
     #[inline(never)]
     pub(super) fn change_runs(&mut self, slot: usize, start_us: u64) {
-        if self.mode != Mode::Running {
+        if !self.is_running() {
             return;
         }
         let Some(mission) = &self.mission else {

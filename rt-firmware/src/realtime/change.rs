@@ -79,7 +79,7 @@ impl<'m> RealTime<'_, 'm> {
     fn swap(&mut self, new: StagedMission<'m>, swap: Swap, at: Origin) -> Command<'m> {
         let mission = new.mission().hash();
         // What failed or stands still has nothing to hand over.
-        let warm = swap.warm && self.mode == Mode::Running;
+        let warm = swap.warm && self.is_running();
         let safe = match self.mode {
             Mode::Safe(reason) => Some(reason),
             _ => None,

@@ -8,7 +8,7 @@ use super::running::Activation;
 use super::slots::nanoseconds;
 use crate::board::Board;
 use esm_link::black_box::Event;
-use esm_link::message::{Mode, SafeReason};
+use esm_link::message::SafeReason;
 use esm_link::trace::TraceEvent;
 
 impl RealTime<'_, '_> {
@@ -100,7 +100,7 @@ impl RealTime<'_, '_> {
         missed: u32,
     ) {
         self.note_deadline_misses(activation.slot, missed);
-        if missed > self.limits.missed_in_a_row && self.mode == Mode::Running {
+        if missed > self.limits.missed_in_a_row && self.is_running() {
             self.fail_safe(board, SafeReason::DeadlineMiss);
         }
     }

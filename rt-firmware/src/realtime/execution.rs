@@ -7,8 +7,8 @@ use esm_core::{BlobBuffer, Interpreter};
 use super::RealTime;
 use super::params::LiveParams;
 use super::running::Mission;
-use super::tasks::{NO_GROUP, NONE, TaskActivity, TaskTable};
-use crate::board::Board;
+use super::tasks::{NO_GROUP, NONE, TaskActivity, TaskEntry, TaskTable};
+use crate::board::{Board, ticks_between};
 use crate::ports::{FlagChanges, Inputs, StepOutput};
 use crate::task::{MAX_PARAMS, Step};
 use esm_link::black_box::Event;
@@ -17,27 +17,38 @@ use esm_link::trace::TraceEvent;
 impl RealTime<'_, '_> {
     /// Executes the enabled tasks of a slot, from the one on that was
     /// [prepared](Self::prepare_task), in an activation that [began](crate::Executor::begin) at
-    /// `began_ticks`.
+    /// `began_count`.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn execute_tasks<B: Board>(
         &mut self,
         board: &mut B,
         first: u16,
-        began_ticks: u32,
-        duration_us: u32,
+        began_count: u32,
+        slot: impl Fn(&Self) -> usize,
     ) {
-        let mut began_ticks = began_ticks;
+        let mut began_count = began_count;
         let mut instance = first;
-        while instance != NONE {
+        loop {
             let step = self.run_task(instance);
-            let now_ticks = board.now_low_ticks();
-            let took_ticks = now_ticks.wrapping_sub(began_ticks);
-            began_ticks = now_ticks;
-            let next = self.end_task::<B>(instance, step, took_ticks, duration_us);
-            instance = self.tasks.first_enabled(next);
-            if instance != NONE {
-                self.prepare_task(instance);
+            let now_count = board.count();
+            let took_ticks = ticks_between::<B>(began_count, now_count);
+            began_count = now_count;
+            let next = self.end_task(instance, step);
+            // Not before the step: each instruction there makes it later.
+            let duration_us = self.duration_us(slot(self));
+            let duration_ticks = duration_us.saturating_mul(B::TICKS_PER_US);
+            if took_ticks > duration_ticks && step.is_some() {
+                self.note_overrun::<B>(instance, took_ticks, duration_us);
             }
+            // As a rule there is one.
+            if next == NONE {
+                break;
+            }
+            instance = self.tasks.first_enabled(next);
+            if instance == NONE {
+                break;
+            }
+            self.prepare_task(instance);
         }
     }
 
@@ -74,7 +85,7 @@ impl RealTime<'_, '_> {
         if record.places.control_flags != 0 {
             inputs.flags = interpreter.control_flags_at(&record.places);
         }
-        let count = record.binding.param_count();
+        let count = usize::from(record.params);
         if count > 0 {
             find_params(interpreter, &self.params, &record.places, count, inputs);
         }
@@ -85,13 +96,7 @@ impl RealTime<'_, '_> {
     /// Takes over what a task did, and returns the task instance that follows in its slot. It was
     /// not executed if it is busy.
     #[inline(never)]
-    fn end_task<B: Board>(
-        &mut self,
-        instance: u16,
-        step: Option<Step>,
-        took_ticks: u32,
-        duration_us: u32,
-    ) -> u16 {
+    fn end_task(&mut self, instance: u16, step: Option<Step>) -> u16 {
         let (Some(record), Some(Mission { interpreter, .. })) = (
             self.tasks.lists.tasks.get_mut(usize::from(instance)),
             &mut self.mission,
@@ -100,13 +105,11 @@ impl RealTime<'_, '_> {
         };
         let next = record.next_in_slot;
         let Some(step) = step else {
-            record.is_busy = true;
-            interpreter.set_busy_at(&record.places, true);
+            show_busy(interpreter, record, true);
             return next;
         };
         if record.is_busy {
-            record.is_busy = false;
-            interpreter.set_busy_at(&record.places, false);
+            show_busy(interpreter, record, false);
         }
         record.activity = TaskActivity::UnderWay;
         if let Some(said) = self.executor.end_step(&record.binding) {
@@ -115,10 +118,6 @@ impl RealTime<'_, '_> {
         }
         if step == Step::Finished {
             self.finish_task(instance);
-        }
-        if took_ticks > duration_us.saturating_mul(B::TICKS_PER_US) {
-            let end_us = self.executor.robot_us() + u64::from(duration_us);
-            self.note_overrun(instance, took_ticks / B::TICKS_PER_US.max(1), end_us);
         }
         next
     }
@@ -145,7 +144,9 @@ impl RealTime<'_, '_> {
     /// A task took longer than its slot.
     #[cold]
     #[inline(never)]
-    fn note_overrun(&mut self, instance: u16, took_us: u32, end_us: u64) {
+    fn note_overrun<B: Board>(&mut self, instance: u16, took_ticks: u32, duration_us: u32) {
+        let took_us = took_ticks / B::TICKS_PER_US.max(1);
+        let end_us = self.executor.robot_us() + u64::from(duration_us);
         self.tasks.overrun(instance);
         self.note_at(
             end_us,
@@ -161,6 +162,17 @@ impl RealTime<'_, '_> {
     }
 }
 
+/// Sets or resets a task's busy flag.
+#[inline(never)]
+fn show_busy(
+    interpreter: &mut Interpreter<'_, BlobBuffer<'_>>,
+    record: &mut TaskEntry,
+    is_busy: bool,
+) {
+    record.is_busy = is_busy;
+    interpreter.set_busy_at(&record.places, is_busy);
+}
+
 /// Finds what a task's parameters are.
 #[inline(never)]
 pub(super) fn find_params(
@@ -170,14 +182,11 @@ pub(super) fn find_params(
     count: usize,
     inputs: &mut Inputs,
 ) {
-    let values = interpreter.tables().params_from(places.first_param);
     let wanted = inputs
         .params
         .get_mut(..count.min(MAX_PARAMS))
         .unwrap_or_default();
-    for (bits, value) in wanted.iter_mut().zip(values) {
-        *bits = value;
-    }
+    interpreter.params_at(places, wanted);
     params.put_into(wanted, places.first_param);
 }
 

@@ -5,18 +5,16 @@ use core::sync::atomic::Ordering;
 
 use super::RealTime;
 use crate::board::Board;
-use esm_link::message::Mode;
 
 impl RealTime<'_, '_> {
     /// Feeds the watchdog if all have shown that they live who should have.
     #[inline(never)]
     pub(super) fn feed_watchdog<B: Board>(&mut self, board: &mut B, now_ticks: u64) {
+        let is_running = self.is_running();
         let slots = &mut self.tasks.lists.slots;
-        let count = self
-            .mission
-            .as_ref()
-            .map_or(0, |mission| mission.interpreter.tables().slots().len());
+        let mission = self.mission.as_ref();
         let first_silent_slot = || {
+            let count = mission.map_or(0, |mission| mission.interpreter.tables().slots().len());
             let mut silent = None;
             for (index, slot) in slots.iter_mut().enumerate().take(count) {
                 if !slot.take_executed() {
@@ -29,7 +27,7 @@ impl RealTime<'_, '_> {
             now_ticks,
             B::TICKS_PER_US,
             self.heartbeats,
-            self.mode == Mode::Running,
+            is_running,
             first_silent_slot,
         );
         match (fed, self.kept) {

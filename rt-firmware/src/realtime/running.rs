@@ -1,5 +1,6 @@
 //! The mission that runs, its trial, the activation that is executed, and the next one.
 
+use esm_core::dispatcher::Near;
 use esm_core::tables::Tables;
 use esm_core::{BlobBuffer, Interpreter};
 
@@ -32,6 +33,14 @@ impl Mission<'_> {
     /// The time of the mission's tasks at a nominal start since the origin.
     pub(super) fn t_us(&self, start_us: u64) -> u64 {
         self.tasks_us + start_us.saturating_sub(self.began_us)
+    }
+
+    /// The same, of an activation of this mission: none starts before its first macro step.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn t_us_of_activation(&self, start_us: u64) -> u64 {
+        start_us
+            .wrapping_sub(self.began_us)
+            .wrapping_add(self.tasks_us)
     }
 
     /// The time on the robot's clock at a nominal start since the origin.
@@ -127,11 +136,8 @@ pub(super) struct Next {
     pub(super) start_ticks: u32,
     /// For how long from then it is on time; 0 where nothing is looked up.
     pub(super) window_ticks: u32,
-    pub(super) duration_us: u32,
-    /// From the start of the activation before to this one's, and how long that one lasts; where
-    /// [`ended`](Self::ended) is not 0.
-    pub(super) wait_us: u32,
-    pub(super) before_us: u32,
+    /// The activation before; where [`ended`](Self::ended) is not 0.
+    pub(super) before: Near,
     /// Activations that have ended since this was settled.
     pub(super) ended: u32,
     /// The base of the dispatcher's queue on the board's clock, low half.
@@ -140,21 +146,22 @@ pub(super) struct Next {
     pub(super) look_us: u32,
     /// The slot that runs the interpreter.
     pub(super) interpreter_slot: usize,
-    /// The slot's first enabled task instance, or [`NONE`].
+    /// The slot's first enabled task instance, which was prepared; where one was.
     pub(super) instance: u16,
+    /// Tasks were executed, after which a background run may begin or the robot may have to stop.
+    pub(super) has_executed: bool,
 }
 
 impl Next {
     pub(super) const NOTHING: Next = Next {
         start_ticks: 0,
         window_ticks: 0,
-        duration_us: 0,
-        wait_us: 0,
-        before_us: 0,
+        before: Near::BASE,
         ended: 0,
         base_ticks: 0,
         look_us: 0,
         interpreter_slot: 0,
         instance: NONE,
+        has_executed: false,
     };
 }

@@ -11,11 +11,22 @@ const FIRST_BUCKET_BITS: u32 = 4;
 /// Bits by which each further bucket reaches farther than the one before: four times as far.
 const BUCKET_BITS: u32 = 2;
 
+/// Usual executions that are counted by themselves, at most.
+const MOST_USUAL: u16 = u16::MAX / ONE_USUAL;
+/// One of them, in [`SlotEntry::usual`].
+const ONE_USUAL: u16 = 2;
+/// In [`SlotEntry::usual`]: there was an execution since the supervision asked last.
+const WAS_EXECUTED: u16 = 1;
+/// Start delays from here on are not usual, in ticks.
+const MOST_USUAL_DELAY: u32 = 1 << 14;
+
 /// What is kept for a slot. Times in ticks of the board's clock. Counters stay at their greatest
 /// value once they are there.
 ///
-/// Most executions begin and last within what was seen already. These cost a few additions and
-/// comparisons; what is out of the ordinary is worked out elsewhere.
+/// Most executions are usual: they begin as late as others of one bucket and last as long as others
+/// that were no overruns. These cost two comparisons of ranges and two additions, and are counted
+/// by themselves, until [`settle`](Self::settle) adds their number to the counters. What is out of
+/// the ordinary is worked out elsewhere.
 ///
 /// There is one of these for each slot that a mission may have, so it is narrow. The mean is
 /// divided out when somebody asks. A bucket has 16 bits; as long as no second one is full, the
@@ -27,44 +38,49 @@ pub struct SlotEntry {
     /// The first task instance of the slot, or [`NONE`].
     first_task: u16,
     duration_us: u32,
+    /// The shortest execution. Those that take less than `usual_ticks` longer are usual.
+    min_execution_ticks: u32,
+    usual_ticks: u32,
+    /// Usual delays: from here on, so many. All of them are in one bucket.
+    first_delay_ticks: u16,
+    usual_delays: u16,
+    /// Usual executions that were not settled, and [`WAS_EXECUTED`].
+    usual: u16,
+    /// Sum of the executions, 48 bits: the high half and the low word, which usual executions are
+    /// in at once. At 50 MHz that is 65 days of nothing but executions.
+    total_execution_high: u16,
+    total_execution_low: u32,
     min_delay_ticks: u32,
     max_delay_ticks: u32,
-    min_execution_ticks: u32,
-    /// What takes longer is an overrun, or took longer than any before, or follows an overrun.
-    usual_execution_ticks: u32,
     max_execution_ticks: u32,
     /// Executions that ended, overruns included.
     executed: u32,
-    /// Sum of the executions, 48 bits: the low word and the rest. At 50 MHz that is 65 days of
-    /// nothing but executions.
-    total_execution_low: u32,
-    total_execution_high: u16,
     overruns: u16,
     overruns_in_a_row: u16,
     /// Executions by their start delay.
     delays: [u16; DELAY_BUCKETS],
-    /// Whether the slot was executed since the supervision asked last.
-    was_executed: bool,
 }
 
 impl SlotEntry {
     /// A slot of which nothing happened yet.
     pub const EMPTY: SlotEntry = SlotEntry {
         first_enabled: NONE,
+        first_task: NONE,
+        duration_us: 0,
+        min_execution_ticks: u32::MAX,
+        usual_ticks: 0,
+        first_delay_ticks: 0,
+        usual_delays: 0,
+        usual: 0,
+        total_execution_high: 0,
+        total_execution_low: 0,
         min_delay_ticks: u32::MAX,
         max_delay_ticks: 0,
-        min_execution_ticks: u32::MAX,
-        usual_execution_ticks: 0,
         max_execution_ticks: 0,
         executed: 0,
-        total_execution_low: 0,
-        total_execution_high: 0,
         overruns: 0,
         overruns_in_a_row: 0,
-        duration_us: 0,
-        first_task: NONE,
         delays: [0; DELAY_BUCKETS],
-        was_executed: false,
     };
 
     /// The place of a slot before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so
@@ -125,28 +141,45 @@ impl SlotEntry {
     /// Counts an execution, if it is a usual one. False if it is not, and nothing was counted.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn count(&mut self, delay_ticks: u32, took_ticks: u32) -> bool {
-        let (executed, is_full) = self.executed.overflowing_add(1);
+        let delay = delay_ticks.wrapping_sub(self.first_delay_ticks.into());
+        let longer = took_ticks.wrapping_sub(self.min_execution_ticks);
+        let usual = self.usual.wrapping_add(ONE_USUAL) | WAS_EXECUTED;
         let (total, carry) = self.total_execution_low.overflowing_add(took_ticks);
-        if delay_ticks < self.min_delay_ticks
-            || delay_ticks > self.max_delay_ticks
-            || took_ticks < self.min_execution_ticks
-            || took_ticks > self.usual_execution_ticks
-            || is_full
+        if delay >= self.usual_delays.into()
+            || longer >= self.usual_ticks
+            || usual / ONE_USUAL == 0
             || carry
         {
             return false;
         }
-        self.was_executed = true;
-        self.executed = executed;
+        self.usual = usual;
         self.total_execution_low = total;
-        self.count_delay(delay_ticks);
         true
     }
 
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn count_delay(&mut self, delay_ticks: u32) {
+    /// Adds the number of usual executions to the counters.
+    fn settle(&mut self) {
+        let usual = self.usual / ONE_USUAL;
+        if usual == 0 {
+            return;
+        }
+        self.usual &= WAS_EXECUTED;
+        // There was room for them, or else none would have been usual.
+        self.executed = self.executed.saturating_add(usual.into());
+        self.count_delays(self.first_delay_ticks.into(), usual);
+        self.look_for_room();
+    }
+
+    /// No execution is usual any more where the number of them may not have room for so many.
+    fn look_for_room(&mut self) {
+        if self.executed > u32::MAX - u32::from(MOST_USUAL) {
+            self.usual_ticks = 0;
+        }
+    }
+
+    fn count_delays(&mut self, delay_ticks: u32, executions: u16) {
         if let Some(count) = self.delays.get_mut(bucket(delay_ticks)) {
-            *count = count.saturating_add(1);
+            *count = count.saturating_add(executions);
         }
     }
 
@@ -158,8 +191,9 @@ impl SlotEntry {
         took_ticks: u32,
         duration_ticks: u32,
     ) -> bool {
-        self.was_executed = true;
-        self.count_delay(delay_ticks);
+        self.settle();
+        self.usual |= WAS_EXECUTED;
+        self.count_delays(delay_ticks, 1);
         self.min_delay_ticks = self.min_delay_ticks.min(delay_ticks);
         self.max_delay_ticks = self.max_delay_ticks.max(delay_ticks);
         self.min_execution_ticks = self.min_execution_ticks.min(took_ticks);
@@ -176,21 +210,41 @@ impl SlotEntry {
             self.overruns = self.overruns.saturating_add(1);
             self.overruns_in_a_row = self.overruns_in_a_row.saturating_add(1);
             // So that the next one is looked at, too.
-            self.usual_execution_ticks = 0;
+            self.usual_ticks = 0;
         } else {
             self.overruns_in_a_row = 0;
-            self.usual_execution_ticks = self.max_execution_ticks.min(duration_ticks);
+            // The shortest is not longer than this one, which is no overrun.
+            let longest = self.max_execution_ticks.min(duration_ticks);
+            self.usual_ticks = (longest - self.min_execution_ticks).saturating_add(1);
+            self.look_for_room();
+        }
+        self.usual_delays = 0;
+        if delay_ticks < MOST_USUAL_DELAY {
+            // Those of its bucket that are not shorter, nor longer, than any before.
+            let (first, end) = ends_of_bucket(delay_ticks);
+            let first = first.max(self.min_delay_ticks);
+            let end = end.min(self.max_delay_ticks + 1);
+            self.first_delay_ticks = first as u16;
+            self.usual_delays = (end - first) as u16;
         }
         overrun
     }
 
     /// Whether there was an execution since this was asked last.
     pub(crate) fn take_executed(&mut self) -> bool {
-        core::mem::take(&mut self.was_executed)
+        let was_executed = self.usual & WAS_EXECUTED != 0;
+        self.usual &= !WAS_EXECUTED;
+        was_executed
     }
 
     /// What was counted, for the link; `missed` is the dispatcher's number.
     pub(crate) fn counters(&self, number: u32, missed: u32, ticks_per_us: u32) -> SlotCounters {
+        let mut settled = *self;
+        settled.settle();
+        settled.settled_counters(number, missed, ticks_per_us)
+    }
+
+    fn settled_counters(&self, number: u32, missed: u32, ticks_per_us: u32) -> SlotCounters {
         let ns = |ticks| nanoseconds(ticks, ticks_per_us);
         // Before the first one, the shortest is the greatest number there is.
         let shortest = |ticks, longest| if ticks > longest { 0 } else { ns(ticks) };
@@ -220,6 +274,15 @@ fn bucket(delay_ticks: u32) -> usize {
     (bits.div_ceil(BUCKET_BITS) as usize).min(DELAY_BUCKETS - 1)
 }
 
+/// The first start delay of the bucket that counts this one, and the first of the next bucket.
+fn ends_of_bucket(delay_ticks: u32) -> (u32, u32) {
+    let reach = FIRST_BUCKET_BITS + bucket(delay_ticks) as u32 * BUCKET_BITS;
+    match reach {
+        FIRST_BUCKET_BITS => (0, 1 << FIRST_BUCKET_BITS),
+        _ => (1 << (reach - BUCKET_BITS), 1 << reach),
+    }
+}
+
 /// Nanoseconds in a microsecond.
 const NS_PER_US: u32 = 1_000;
 
@@ -245,6 +308,9 @@ fn total_nanoseconds(ticks: u64, ticks_per_us: u32) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use proptest::collection::vec;
+    use proptest::prelude::*;
+
     use super::*;
 
     #[test]
@@ -422,9 +488,124 @@ mod tests {
         );
     }
 
+    /// What happens to a slot, and what somebody wants to know of it.
+    #[derive(Clone, Copy, Debug)]
+    enum Event {
+        /// Executions that begin so late and last so long, so many of them.
+        Executed(u32, u32, u32),
+        /// The link reads the counters.
+        Read,
+        /// The supervision asks.
+        Asked,
+    }
+
+    fn event() -> impl Strategy<Value = Event> {
+        let delay = prop_oneof![
+            6 => 40..44u32,
+            2 => 0..300u32,
+            1 => 16_000..17_000u32,
+            1 => 60_000..200_000u32,
+        ];
+        let took = prop_oneof![
+            8 => 500..504u32,
+            2 => 0..1_100u32,
+            1 => Just(10_000_000),
+        ];
+        let times = prop_oneof![20 => 1..4u32, 1 => 30_000..70_000u32];
+        let executed = (delay, took, times);
+        prop_oneof![
+            6 => executed.prop_map(|(delay, took, times)| Event::Executed(delay, took, times)),
+            1 => Just(Event::Read),
+            1 => Just(Event::Asked),
+        ]
+    }
+
+    /// Each counter by itself, as one would write it who need not hurry.
+    #[derive(Default)]
+    struct Plain {
+        counters: SlotCounters,
+        total_ticks: u64,
+        in_a_row: u16,
+        was_executed: bool,
+    }
+
+    impl Plain {
+        fn count(&mut self, delay: u32, took: u32, duration: u32) -> bool {
+            let ns = |ticks: u32| ticks.saturating_mul(NS_PER_US);
+            let counters = &mut self.counters;
+            let is_first = counters.executed == 0;
+            self.was_executed = true;
+            counters.executed += 1;
+            self.total_ticks += u64::from(took);
+            counters.total_execution_ns = self.total_ticks * u64::from(NS_PER_US);
+            let least = |least: u32, ticks: u32| {
+                if is_first {
+                    ns(ticks)
+                } else {
+                    least.min(ns(ticks))
+                }
+            };
+            counters.min_delay_ns = least(counters.min_delay_ns, delay);
+            counters.min_execution_ns = least(counters.min_execution_ns, took);
+            counters.max_delay_ns = counters.max_delay_ns.max(ns(delay));
+            counters.max_execution_ns = counters.max_execution_ns.max(ns(took));
+            let bucket = &mut counters.delays[bucket(delay)];
+            *bucket = bucket.saturating_add(1);
+            let is_overrun = took > duration;
+            if is_overrun {
+                counters.overruns = (counters.overruns + 1).min(u16::MAX.into());
+                self.in_a_row = self.in_a_row.saturating_add(1);
+            } else {
+                self.in_a_row = 0;
+            }
+            is_overrun
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn whatever_happens_in_whichever_order_is_counted_once(
+            events in vec(event(), 1..60),
+        ) {
+            const DURATION: u32 = 1_000;
+            let mut slot = SlotEntry::EMPTY;
+            let mut plain = Plain::default();
+            plain.counters.number = 1;
+            plain.counters.first_bucket_ns = 16 * NS_PER_US;
+            for event in events {
+                match event {
+                    Event::Executed(delay, took, times) => for _ in 0..times {
+                        let is_overrun = count(&mut slot, delay, took, DURATION);
+                        prop_assert_eq!(is_overrun, plain.count(delay, took, DURATION));
+                        prop_assert_eq!(slot.overruns_in_a_row(), plain.in_a_row);
+                    },
+                    Event::Read => prop_assert_eq!(slot.counters(1, 0, 1), plain.counters),
+                    Event::Asked => {
+                        let was_executed = core::mem::take(&mut plain.was_executed);
+                        prop_assert_eq!(slot.take_executed(), was_executed);
+                    }
+                }
+            }
+            prop_assert_eq!(slot.counters(1, 0, 1), plain.counters);
+        }
+    }
+
+    #[test]
+    fn a_bucket_ends_where_the_next_one_begins() {
+        for delay in (0..70_000).chain([u32::MAX]) {
+            let (first, end) = ends_of_bucket(delay);
+            if delay < MOST_USUAL_DELAY {
+                assert!((first..end).contains(&delay), "{delay}");
+                assert_eq!(bucket(first), bucket(end - 1), "{delay}");
+                assert_eq!(bucket(end), bucket(delay) + 1, "{delay}");
+            }
+        }
+    }
+
     #[test]
     fn what_is_kept_for_a_slot_stays_narrow() {
-        assert_eq!(size_of::<SlotEntry>(), 60);
+        assert_eq!(size_of::<SlotEntry>(), 64);
     }
 
     #[test]

@@ -154,4 +154,10 @@ impl<'q, 'm> RealTime<'q, 'm> {
     pub fn mode(&self) -> Mode {
         self.mode
     }
+
+    /// Whether the mission runs. Modes as a whole are not compared for it.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn is_running(&self) -> bool {
+        matches!(self.mode, Mode::Running)
+    }
 }

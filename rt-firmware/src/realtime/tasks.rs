@@ -6,6 +6,7 @@ use esm_core::tables::{Tables, TaskPlaces};
 pub(crate) use super::slots::NONE;
 use super::slots::SlotEntry;
 use crate::ports::{Binding, Registry, TaskPlace};
+use crate::task::MAX_PARAMS;
 
 /// Stands for no bank of the registry.
 const NO_BANK: u8 = u8::MAX;
@@ -33,6 +34,8 @@ pub struct TaskEntry {
     pub(super) activity: TaskActivity,
     /// Its busy flag may be set.
     pub(super) is_busy: bool,
+    /// Number of its parameters.
+    pub(super) params: u8,
 }
 
 /// Whether a task is enabled, and how far it has come.
@@ -70,6 +73,7 @@ impl TaskEntry {
         group: NO_GROUP,
         activity: TaskActivity::Off,
         is_busy: false,
+        params: 0,
     };
 
     /// The place of a task before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so
@@ -144,6 +148,7 @@ pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut L
             entry.place = free;
             entry.places = places;
             entry.binding = registry.bind(free, tables.nets_from(places.first_connection));
+            entry.params = entry.binding.param_count().min(MAX_PARAMS) as u8;
             entry.group = task
                 .and_then(|task| task.exclusive)
                 .map_or(NO_GROUP, |group| group as u8);

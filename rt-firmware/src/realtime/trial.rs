@@ -46,7 +46,7 @@ impl<'m> RealTime<'_, 'm> {
             // What the mission before would not have helped against.
             (Mode::Safe(reason), _) if !is_the_missions_fault(reason) => self.mode = mode,
             // Where it had failed, nobody may be there to look after it.
-            (_, Some(reason)) if self.mode == Mode::Running => self.mode = Mode::Safe(reason),
+            (_, Some(reason)) if self.is_running() => self.mode = Mode::Safe(reason),
             _ => {}
         }
         self.tell_health();

@@ -154,6 +154,12 @@ struct BenchBoard(SlotBoard);
 
 impl Board for BenchBoard {
     const TICKS_PER_US: u32 = TICKS_PER_US;
+    const COUNT_BITS: u32 = SlotBoard::COUNT_BITS;
+
+    #[inline(always)]
+    fn count(&mut self) -> u32 {
+        self.0.count()
+    }
 
     fn now_ticks(&mut self) -> u64 {
         self.0.now_ticks()

@@ -45,6 +45,7 @@ impl<'m> RequestHandler<'_, 'm> {
             stops,
         }) {
             Ok(()) => {
+                self.heartbeats.attention.set();
                 self.asked = asked;
                 Reaction::Later
             }
