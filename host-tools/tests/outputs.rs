@@ -120,21 +120,31 @@ fn declarations_are_replaced_when_they_are_all_here_and_nothing_else_is() {
     let printed = fs::read_to_string(folder.join("tasks.esm")).unwrap();
     assert!(printed.contains("\ntask Odometry slot 2 "), "{printed}");
     // Older declarations go when new ones are here, and only then.
-    fs::write(folder.join("tasks.esm"), "// The tasks of yesterday\n").unwrap();
+    let (mark, _) = printed.split_once('\n').unwrap();
+    let older = format!("{mark}\n\ntask Old slot 2 {{ }}\n");
+    fs::write(folder.join("tasks.esm"), &older).unwrap();
     let (status, told) = esm(folder, "tasks --port unix:nobody -o tasks.esm");
     assert_eq!(status, 3, "{told}");
     let kept = fs::read_to_string(folder.join("tasks.esm")).unwrap();
-    assert_eq!(kept, "// The tasks of yesterday\n");
+    assert_eq!(kept, older);
     assert_eq!(esm(folder, first).0, 0);
     let again = fs::read_to_string(folder.join("tasks.esm")).unwrap();
     assert_eq!(again, printed);
-    // A person's own file is no output.
-    fs::write(folder.join("mine.esm"), MISSION).unwrap();
-    let (status, told) = esm(folder, "tasks --board host -o mine.esm");
-    assert_eq!(status, 2, "{told}");
-    assert!(told.contains("name another file"), "{told}");
-    let mine = fs::read_to_string(folder.join("mine.esm")).unwrap();
-    assert_eq!(mine, MISSION);
+    // What a person has written is no output, nor is what he has added to.
+    for text in [
+        MISSION.to_owned(),
+        "// The tasks of my robot, by hand\ntask Mine slot 2 { }\n".to_owned(),
+        format!("{printed}\nslot 2 period 10 ms duration 1 ms;\n"),
+        format!("{printed}\ncontainer Mine {{ }}\n"),
+        format!("{printed}\nuse \"mine.esm\";\n"),
+    ] {
+        fs::write(folder.join("mine.esm"), &text).unwrap();
+        let (status, told) = esm(folder, "tasks --board host -o mine.esm");
+        assert_eq!(status, 2, "{text}: {told}");
+        assert!(told.contains("name another file"), "{told}");
+        let mine = fs::read_to_string(folder.join("mine.esm")).unwrap();
+        assert_eq!(mine, text);
+    }
 }
 
 /// Where a run ended is in numbers what its picture shows.

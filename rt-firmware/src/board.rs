@@ -23,8 +23,10 @@ pub trait Board {
         self.now_ticks() as u32
     }
 
-    /// Bits of [`count`](Self::count) that mean something, 32 at most: a round of it lasts longer
-    /// than any activation.
+    /// Bits of [`count`](Self::count) that mean something, 32 at most. A round of it lasts longer
+    /// than four times [`IDLE_POLL_US`](crate::realtime::IDLE_POLL_US), which is checked when the
+    /// board is compiled, than any activation, and than any time for which something holds the
+    /// timer's interrupt back: what is later than half a round must not look as if it was on time.
     const COUNT_BITS: u32 = u32::BITS;
 
     /// What [`now_low_ticks`](Self::now_low_ticks) tells, in its lowest

@@ -225,19 +225,24 @@ fn several_changed_words_are_refused_or_harmless() {
     }
 }
 
-/// What a task instance with places finds: its flags and its parameters, which were 9 before.
-fn found<R: Reads<Vec<u8>>>(blob: &[u8], change: impl FnOnce(&mut TaskPlaces)) -> (u16, [u32; 2]) {
+/// What a task instance with places finds: its flags and its parameters, which were 9 before; and
+/// all flags and enable bits of the machine, once it has set its first two flags.
+fn found<R: Reads<Vec<u8>>>(
+    blob: &[u8],
+    change: impl FnOnce(&mut TaskPlaces),
+) -> (u16, [u32; 2], Vec<u32>) {
     let verified = subject::verified(blob).unwrap();
     let mut places = verified.tables().task_places(0).unwrap();
     let mut arena = vec![0; verified.arena_words()];
     let mut interpreter = Interpreter::<_, R>::with_reads(verified, &mut arena).unwrap();
-    for flag in 0..2 {
-        interpreter.set_flag_at(&places, flag, true);
-    }
+    // Of a task that is told to have more flags than it has, both are seen.
+    interpreter.set_flags_at(&places, u16::MAX, 0b01);
     change(&mut places);
     let mut params = [9; 2];
     interpreter.params_at(&places, &mut params);
-    (interpreter.control_flags_at(&places), params)
+    let flags = interpreter.control_flags_at(&places);
+    interpreter.set_flags_at(&places, 0b11, 0b11);
+    (flags, params, interpreter.input_words().to_vec())
 }
 
 #[test]
@@ -251,11 +256,36 @@ fn places_that_are_not_in_a_missions_tables_lead_nowhere() {
         assert_eq!(found::<Unchecked>(&blob, change), found_checked);
         found_checked
     };
-    assert_eq!(both(|_| ()), (0b11, [3, 5]));
-    assert_eq!(both(|places| places.first_param = 1), (0b11, [9, 9]));
-    assert_eq!(both(|places| places.first_param = u16::MAX), (0b11, [9, 9]));
-    assert_eq!(both(|places| places.first_flag = u16::MAX), (0, [3, 5]));
-    assert_eq!(both(|places| places.flags = u16::MAX), (0, [3, 5]));
-    assert_eq!(both(|places| places.flags = 4), (0b1, [3, 5]));
-    assert_eq!(both(|places| places.flags = 0), (0, [3, 5]));
+    let places = subject::verified(&blob).unwrap().tables().task_places(0);
+    let first = usize::from(places.unwrap().first_flag) + esm_core::format::TASK_CONTROL_FLAGS;
+    let with = |flags: u32| vec![flags << first, 0];
+    assert_eq!(both(|_| ()), (0b01, [3, 5], with(0b11)));
+    assert_eq!(
+        both(|places| places.first_param = 1),
+        (0b01, [9, 9], with(0b11))
+    );
+    assert_eq!(
+        both(|places| places.first_param = u16::MAX),
+        (0b01, [9, 9], with(0b11))
+    );
+    // No such flags, or not so many: nothing is written, and no enable bit.
+    assert_eq!(
+        both(|places| places.first_flag = u16::MAX),
+        (0, [3, 5], with(0b01))
+    );
+    let (_, _, words) = both(|places| (places.first_flag, places.control_flags) = (28, u16::MAX));
+    assert_eq!(words, with(0b01));
+    assert_eq!(
+        both(|places| places.region = u16::MAX),
+        (0b01, [3, 5], with(0b01))
+    );
+    // Flags that it has not are no matter of it.
+    assert_eq!(
+        both(|places| places.control_flags = 0b10),
+        (0, [3, 5], with(0b11))
+    );
+    assert_eq!(
+        both(|places| places.control_flags = 0),
+        (0, [3, 5], with(0b01))
+    );
 }

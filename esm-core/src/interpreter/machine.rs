@@ -372,12 +372,13 @@ impl<'m, R: Access> Machine<'m, R> {
 
     /// Writes some of the flags from `first` on, 16 at most: those whose bit is set in `written`
     /// become what it is in `values`. If one changes, it wakes the region that they belong to.
-    /// First flag and region need not be this machine's.
+    /// Nothing is written where this machine has no such region, or not so many flags.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn write_flags(&mut self, first: usize, region: u16, written: u32, values: u32) {
         let region = usize::from(region);
+        let end = first + (u32::BITS - written.leading_zeros()) as usize;
         // Behind the flags other words follow: so a window that begins in them is in the arena.
-        let is_inside = first < self.layout.flag_bits && region < self.layout.regions;
+        let is_inside = end <= self.layout.flag_bits && region < self.layout.regions;
         if is_inside && R::write_window(self.arena, self.places.flags, first, written, values) {
             self.set_awake(self.here(region), true);
         }

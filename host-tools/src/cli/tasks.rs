@@ -1,8 +1,7 @@
 //! `esm tasks`: what a firmware can do.
 
 use std::fmt::Write as _;
-use std::fs::File;
-use std::io::{Read, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
@@ -20,6 +19,7 @@ use crate::lang;
 use crate::link_client::{LinkClient, RobotInfo};
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::PlantSide;
+use crate::model::Model;
 use crate::plant::{BodyParameters, Plant};
 use crate::run::board::{LinkWay, RunningBoard};
 use crate::task_page;
@@ -90,7 +90,8 @@ pub fn execute(
     }
     let (text, origin) = declarations(args, robot, console)?;
     if args.page.is_none() {
-        let text = format!("{MARK}{origin}, as `esm tasks` printed them.\n{text}");
+        let [begins, ends] = MARK;
+        let text = format!("{begins}{origin}{ends}\n{text}");
         return match &args.output {
             Some(path) => file::write_whole(path, text.as_bytes(), "declarations"),
             None => console
@@ -104,29 +105,37 @@ pub fn execute(
     write_page(&checked, &origin, args.page.as_deref(), console)
 }
 
-/// How what the command prints begins.
-const MARK: &str = "// The tasks of ";
+/// How the first line of what the command prints begins and ends.
+const MARK: [&str; 2] = ["// The tasks of ", ", as `esm tasks` printed them."];
 
-/// Refuses to write over a file that this command has not written.
+/// Refuses to write over a file in which a person has written something.
 ///
 /// # Errors
 /// If such a file is there: then the command line is wrong.
 fn keep_other_text(output: &Path) -> Result<(), CommandError> {
-    let mut beginning = [0; MARK.len()];
-    // What is not there or is no file cannot be lost; what cannot be read is not written over.
-    if !output.is_file() {
-        return Ok(());
-    }
-    let is_ours = File::open(output)
-        .and_then(|mut file| file.read_exact(&mut beginning))
-        .is_ok_and(|()| beginning == *MARK.as_bytes());
-    if is_ours {
+    // What is not there or is no file cannot be lost.
+    if !output.is_file() || lang::read_source(output).is_ok_and(|bytes| is_ours(&bytes)) {
         return Ok(());
     }
     Err(CommandError::Usage(anyhow!(
-        "{} would be overwritten, and `esm tasks` has not written it: name another file",
+        "{} would be overwritten, and it holds more than `esm tasks` has written: name another file",
         output.display()
     )))
+}
+
+/// Whether a file is empty, or has the first line that this command writes and then tasks alone.
+fn is_ours(bytes: &[u8]) -> bool {
+    let Ok(text) = std::str::from_utf8(bytes) else {
+        return false;
+    };
+    let [begins, ends] = MARK;
+    let mark = text.lines().next().unwrap_or_default();
+    let checked = lang::load_text("tasks.esm", text);
+    let holds_tasks_alone = |model: &Model| model.containers.is_empty() && model.slots.is_empty();
+    text.is_empty()
+        || mark.starts_with(begins)
+            && mark.ends_with(ends)
+            && checked.model.as_ref().is_some_and(holds_tasks_alone)
 }
 
 /// What a robot declares, and which robot it is.

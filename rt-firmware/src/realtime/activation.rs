@@ -37,6 +37,13 @@ fn mission_window<B: Board>(shortest_period_us: u32) -> u32 {
     /// Less than half a round of the clock, so that one that has gone half around is not taken for
     /// one that is late.
     const LONGEST_WINDOW_US: u32 = i32::MAX as u32 / u16::MAX as u32;
+    // A start lies so far ahead at most, and the timer may ask for it early.
+    const {
+        assert!(
+            1u64 << B::COUNT_BITS > 4 * IDLE_POLL_US as u64 * B::TICKS_PER_US as u64,
+            "the counter of the clock comes round too soon: see `Board::COUNT_BITS`"
+        );
+    }
     let window_ticks = shortest_period_us.min(LONGEST_WINDOW_US) * B::TICKS_PER_US;
     window_ticks.min(1 << (B::COUNT_BITS - 1))
 }

@@ -223,7 +223,7 @@ impl SlotEntry {
             // Those of its bucket that are not shorter, nor longer, than any before.
             let (first, end) = ends_of_bucket(delay_ticks);
             let first = first.max(self.min_delay_ticks);
-            let end = end.min(self.max_delay_ticks + 1);
+            let end = end.min(self.max_delay_ticks.saturating_add(1));
             self.first_delay_ticks = first as u16;
             self.usual_delays = (end - first) as u16;
         }
@@ -505,6 +505,7 @@ mod tests {
             2 => 0..300u32,
             1 => 16_000..17_000u32,
             1 => 60_000..200_000u32,
+            1 => Just(u32::MAX),
         ];
         let took = prop_oneof![
             8 => 500..504u32,

@@ -297,6 +297,8 @@ struct Driver<W> {
     until_us: Option<u64>,
     /// Of each mission that was brought to the robot.
     uploads: Vec<MissionSummary>,
+    /// Whether it was said that the run has no end.
+    told_of_no_end: bool,
     /// Of the missions before the present one; the robot counts anew with each.
     longest_delay_ns: u32,
     /// How many missions the trace has seen start.
@@ -385,6 +387,7 @@ impl<W: Write> Driver<W> {
             missions,
             recording,
             uploads: Vec::new(),
+            told_of_no_end: false,
             longest_delay_ns: 0,
             started: 0,
             wall_start,
@@ -428,6 +431,7 @@ impl<W: Write> Driver<W> {
             self.link(|robot| robot.listen(LISTEN_TIME))?;
             self.take_events(watch)?;
             self.call()?;
+            self.tell_of_no_end(watch);
             if self.story.has_ended() || self.story.fault().is_some() || self.is_over_in_silence() {
                 return Ok(false);
             }
@@ -448,6 +452,15 @@ impl<W: Write> Driver<W> {
             } else {
                 stood += looked.elapsed().min(LISTEN_TIME);
             }
+        }
+    }
+
+    /// Says it once where the last mission has finished and the run has no end of its own.
+    fn tell_of_no_end(&mut self, watch: &mut dyn FnMut(Heard<'_>)) {
+        let is_last = self.uploads.len() == self.missions.len();
+        let goes_on = self.until_us.is_none() && is_last && self.story.has_finished();
+        if goes_on && !std::mem::replace(&mut self.told_of_no_end, true) {
+            watch(Heard::FinishedWithoutEnd);
         }
     }
 
@@ -727,13 +740,8 @@ impl<W: Write> Driver<W> {
             if let TraceEvent::Started { mission, start_us } = record {
                 self.mission_starts(mission, start_us)?;
             }
-            let had_finished = self.story.has_finished();
             self.story
                 .record(&record, &mut |told| watch(Heard::Happened(&told)))?;
-            let is_last = self.uploads.len() == self.missions.len();
-            if self.until_us.is_none() && is_last && !had_finished && self.story.has_finished() {
-                watch(Heard::FinishedWithoutEnd);
-            }
         }
         Ok(())
     }

@@ -89,7 +89,7 @@ impl EndPose {
             x_m,
             y_m,
             heading_deg: wrapped_deg(heading_deg),
-            from_start_m: (right_m * right_m + up_m * up_m).sqrt(),
+            from_start_m: libm::hypot(right_m, up_m),
             turned_deg: wrapped_deg(heading_deg - start.heading_deg),
         }
     }

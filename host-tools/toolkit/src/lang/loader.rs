@@ -219,7 +219,11 @@ impl Set {
     /// The path that may have been meant by one that names no file.
     fn meant(&self, file: usize, used: Use, store: &dyn Store) -> Option<String> {
         let (folder, path) = self.written(file, used)?;
-        Some(plain(&store.nearby(folder, path)?))
+        let meant = store.nearby(folder, path)?;
+        // What is in the set already was not meant: least of all the file itself.
+        let whole = plain(&folder.join(&meant));
+        let is_new = self.files.iter().all(|known| known.path != whole);
+        is_new.then(|| plain(&meant))
     }
 }
 

@@ -1093,22 +1093,78 @@ region s { task B: Move; task C: Turn; initial -> B; B -> C [timeout]; } }";
 }
 
 #[test]
+fn a_slot_that_is_missing_is_proposed_for_those_who_need_it_and_shown_with_one_of_them() {
+    const TASKS: &str = "task Look slot 3 wcet 1 ms endless { }
+task Move slot 3 wcet 2 ms endless { }
+task Long slot 3 wcet 1000 s endless { }";
+    const SLOTS: &str = "interpreter slot 1; slot 1 period 20 ms duration 2 ms;";
+    for (mission, expected, user) in [
+        // The first task of the library that is used, whichever state comes first.
+        (
+            "machine M { region r { task A: Move; initial -> A; } region s { task B: Look; initial -> B; } }",
+            "slot 3 period 20 ms duration 3 ms;",
+            Some("B: Look"),
+        ),
+        // A container that is used twice.
+        (
+            "container C { region r { task A: Move; initial -> A; } }
+machine M { region r { super S: C; initial -> S; } region s { super T: C; initial -> T; } }",
+            "slot 3 period 20 ms duration 4 ms;",
+            Some("A: Move"),
+        ),
+        // A state with another slot needs it no more than it needs the time.
+        (
+            "machine M { region r { task A: Move slot 1; initial -> A; } }",
+            "slot 3 period 10 ms duration 1 ms;",
+            None,
+        ),
+        // A state that names the slot itself.
+        (
+            "machine M { region r { task A: Move slot 5; initial -> A; } }",
+            "slot 5 period 10 ms duration 2 ms;",
+            None,
+        ),
+        (
+            "machine M { region r { task A: Long; initial -> A; } }",
+            "slot 3 period 4000000 ms duration 1000000 ms;",
+            Some("A: Long"),
+        ),
+    ] {
+        let text = format!("use \"robot.esm\"; {SLOTS}\n{mission}");
+        let checked = load_texts(&[("m.esm", &text), ("robot.esm", TASKS)]);
+        let found = errors(&checked)
+            .find(|found| {
+                found
+                    .hint
+                    .as_ref()
+                    .is_some_and(|hint| hint.contains(expected))
+            })
+            .unwrap_or_else(|| panic!("{mission}: {}", checked.json_lines()));
+        let shown = found.related.first().map(|(place, _)| {
+            let end = place.end as usize;
+            text[..end].rsplit("task ").next().unwrap().to_owned()
+        });
+        assert_eq!(shown.as_deref(), user, "{mission}");
+    }
+}
+
+#[test]
 fn the_interpreter_is_offered_a_slot_that_no_task_runs_in() {
     for (slots, expected) in [
         (
-            "slot 1 period 10 ms duration 1 ms; slot 2 period 10 ms duration 1 ms;",
+            "slot 1 period 10 ms duration 1 ms; slot 2 period 10 ms duration 1 ms; slot 4 period 10 ms duration 1 ms;",
             &[
                 "write `interpreter slot 2;`",
                 "write `interpreter slot 3; slot 3 period 20 ms duration 2 ms;`",
             ][..],
         ),
         (
-            "slot 1 period 10 ms duration 1 ms;",
+            "slot 1 period 10 ms duration 1 ms; slot 4 period 10 ms duration 1 ms;",
             &["write `interpreter slot 2; slot 2 period 20 ms duration 2 ms;`"],
         ),
     ] {
         let text = format!(
-            "task T slot 1 endless {{ }} {slots}\nmachine M {{ region r {{ task A: T; initial -> A; }} }}"
+            "task T slot 1 endless {{ }} {slots}\nmachine M {{ region r {{ task A: T slot 4; initial -> A; }} }}"
         );
         let checked = load_text("case.esm", &text);
         let [found] = &errors(&checked).collect::<Vec<_>>()[..] else {

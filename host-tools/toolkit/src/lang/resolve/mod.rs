@@ -7,6 +7,7 @@
 
 mod counts;
 mod declarations;
+mod demand;
 mod literals;
 mod nets;
 mod recursion;

@@ -11,6 +11,7 @@ use crate::model::{
     StateKind, Target, Transition, Trigger, Value,
 };
 
+use super::demand::Demand;
 use super::literals;
 use super::scope::{Found, Names, Scope};
 use super::slots::{MAX_SLOTS_PROPOSED, SlotTable};
@@ -286,7 +287,9 @@ impl<'f> Resolver<'_, 'f> {
             match own {
                 Given::Broken => None,
                 Given::Value(number) => {
-                    let slot = self.slots.resolve(number, names);
+                    let wcet_us = task.and_then(|task| self.model.tasks.get(task)?.wcet_us);
+                    let demand = Demand::of_one(wcet_us.unwrap_or(0));
+                    let slot = self.slots.resolve(number, demand, names);
                     if let Some(SlotRef::Slot(index)) = slot {
                         facts.own_slot = Some(index);
                     }

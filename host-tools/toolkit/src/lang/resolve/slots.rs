@@ -3,60 +3,17 @@
 use std::collections::{HashMap, HashSet};
 
 use crate::lang::diagnostic::{Code, Diagnostic, Edit, Fix};
-use crate::lang::tree::{Name, Number, Rate};
+use crate::lang::tree::{Name, Number, Rate, StateKind};
 use crate::model::{Model, Slot, SlotRef, Span};
 
 use super::declarations::{Trees, remove};
+use super::demand::Demand;
 use super::scope::Names;
 
 const US_PER_SECOND: u32 = 1_000_000;
 
 /// As many slots are proposed where one is missing.
 pub(super) const MAX_SLOTS_PROPOSED: usize = 4;
-
-/// What task states ask of a slot that is not declared.
-pub(super) struct SlotDemand {
-    /// The task's name in the first state.
-    user: Span,
-    /// The region whose states were counted last.
-    region: Option<usize>,
-    /// The longest of its executions: one state of a region is current at a time.
-    longest_us: u32,
-    /// The longest executions of the regions before it, added up.
-    sum_us: u64,
-}
-
-impl SlotDemand {
-    /// A demand of a first state, which names its task at `user`.
-    pub(super) fn new(user: Span) -> Self {
-        SlotDemand {
-            user,
-            region: None,
-            longest_us: 0,
-            sum_us: 0,
-        }
-    }
-
-    /// Adds a state of a region. The states of a region come one behind the other.
-    pub(super) fn add(&mut self, region: usize, wcet_us: u32) {
-        if self.region != Some(region) {
-            self.sum_us += u64::from(self.longest_us);
-            self.longest_us = 0;
-            self.region = Some(region);
-        }
-        self.longest_us = self.longest_us.max(wcet_us);
-    }
-
-    /// A period and a duration that the states fit: whole milliseconds.
-    fn times_ms(&self) -> (u64, u64) {
-        let duration_ms = (self.sum_us + u64::from(self.longest_us))
-            .div_ceil(1_000)
-            .max(1);
-        // A fifth of the time leaves room for others.
-        let period_ms = (duration_ms * 5).next_multiple_of(10);
-        (period_ms, duration_ms)
-    }
-}
 
 /// All slots of the set, by number.
 pub(super) struct SlotTable {
@@ -130,11 +87,16 @@ impl SlotTable {
         table
     }
 
-    /// The slot that a task state names; an unknown one is reported.
-    pub(super) fn resolve(&self, number: Number, names: &mut Names<'_, '_>) -> Option<SlotRef> {
+    /// The slot that a task state names, or an `interpreter`; an unknown one is reported.
+    pub(super) fn resolve(
+        &self,
+        number: Number,
+        demand: Demand,
+        names: &mut Names<'_, '_>,
+    ) -> Option<SlotRef> {
         let found = self.find(number, names);
         if found.is_none() {
-            self.report_unknown(number, None, names);
+            self.report_unknown(number, demand, names);
         }
         found
     }
@@ -151,24 +113,17 @@ impl SlotTable {
 
     /// Reports a slot that is not declared, unless that was done already; not in a set without a
     /// machine.
-    pub(super) fn report_unknown(
-        &self,
-        number: Number,
-        demand: Option<&SlotDemand>,
-        names: &mut Names<'_, '_>,
-    ) {
+    pub(super) fn report_unknown(&self, number: Number, demand: Demand, names: &mut Names<'_, '_>) {
         if !self.must_be_declared || self.is_incomplete || !names.is_news(number.value) {
             return;
         }
-        let (period_ms, duration_ms) = demand.map_or((10, 1), SlotDemand::times_ms);
+        let (period_ms, duration_ms) = demand.times_ms();
         let declaration = format!(
             "slot {} period {period_ms} ms duration {duration_ms} ms;",
             number.value
         );
         // A library's task names the slot, and the mission that uses the task lacks it.
-        let elsewhere = demand
-            .map(|demand| demand.user)
-            .filter(|user| user.file != number.span.file);
+        let elsewhere = demand.user.filter(|user| user.file != number.span.file);
         let place = if elsewhere.is_some() {
             "declare it in your mission"
         } else {
@@ -239,6 +194,26 @@ fn nearest_rates(hertz: u32) -> impl Iterator<Item = u32> {
     below.into_iter().chain(above)
 }
 
+/// Slots that tasks or task states name.
+fn slots_of_tasks(set: &Trees<'_>) -> HashSet<u32> {
+    let tasks = set.trees.iter().flat_map(|file| &file.tasks);
+    let regions = set
+        .trees
+        .iter()
+        .flat_map(|file| &file.containers)
+        .flat_map(|container| &container.regions);
+    let states = regions.flat_map(|region| &region.states);
+    let of_states = states.filter_map(|state| match state.kind {
+        StateKind::Task { slot, .. } => slot.value(),
+        StateKind::Simple | StateKind::Super { .. } => None,
+    });
+    tasks
+        .filter_map(|task| task.slot.value())
+        .chain(of_states)
+        .map(|number| number.value)
+        .collect()
+}
+
 /// Finds the slot that runs the interpreter. A machine needs one.
 pub(super) fn declare_interpreter(
     set: &Trees<'_>,
@@ -263,42 +238,39 @@ pub(super) fn declare_interpreter(
             continue;
         }
         first = Some(interpreter.span);
-        model.interpreter_slot =
-            interpreter
-                .slot
-                .and_then(|number| match slots.resolve(number, names) {
-                    Some(SlotRef::Slot(index)) => Some(index),
-                    _ => None,
-                });
+        model.interpreter_slot = interpreter.slot.and_then(|number| {
+            match slots.resolve(number, Demand::default(), names) {
+                Some(SlotRef::Slot(index)) => Some(index),
+                _ => None,
+            }
+        });
     }
     if let (Some(machine), None, false) = (machine, first, set.is_incomplete()) {
-        let mut diagnostic = Diagnostic::new(
-            Code::E013,
-            machine,
-            "no slot is said to run the interpreter of this machine",
-        )
-        .hint("name one that no task runs in: `interpreter slot 1;`");
-        let tasks_slots: HashSet<u32> = set
-            .trees
-            .iter()
-            .flat_map(|file| &file.tasks)
-            .filter_map(|task| task.slot.value())
-            .map(|number| number.value)
-            .collect();
         // Slots of tasks need not have time left.
+        let taken = slots_of_tasks(set);
         let free = model
             .slots
             .iter()
             .map(|slot| slot.number)
-            .filter(|number| !tasks_slots.contains(number))
+            .filter(|number| !taken.contains(number))
             .take(MAX_SLOTS_PROPOSED)
             .map(|number| format!("interpreter slot {number};"));
-        let new_number = (1..)
-            .find(|number| !slots.indices.contains_key(number) && !tasks_slots.contains(number));
+        let new_number =
+            (1..).find(|number| !slots.indices.contains_key(number) && !taken.contains(number));
         let new = new_number.map(|number| {
             format!("interpreter slot {number}; slot {number} period 20 ms duration 2 ms;")
         });
-        for declaration in free.chain(new) {
+        let proposed: Vec<String> = free.chain(new).collect();
+        let mut diagnostic = Diagnostic::new(
+            Code::E013,
+            machine,
+            "no slot is said to run the interpreter of this machine",
+        );
+        if let Some(first) = proposed.first() {
+            let hint = format!("name one that no task runs in: `{first}`");
+            diagnostic = diagnostic.hint(hint);
+        }
+        for declaration in proposed {
             let title = format!("write `{declaration}`");
             let insert = Edit::before(machine, format!("{declaration}\n\n"));
             diagnostic = diagnostic.fix(Fix::one(title, insert));

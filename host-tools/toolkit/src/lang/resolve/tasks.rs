@@ -1,6 +1,6 @@
 //! Tasks: ports, parameters, attributes.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 
 use crate::lang::analysis::holes::TaskHoles;
 use crate::lang::diagnostic::{Code, Diagnostic, Fix};
@@ -10,9 +10,10 @@ use crate::lang::tree::{self, Given, Literal, Number};
 use crate::model::{Direction, Model, Param, ParamType, SlotRef, Task, Value};
 
 use super::declarations::{Trees, declare_data, declare_flags};
+use super::demand::Demands;
 use super::literals::{self, Misfit, Written};
 use super::scope::{Names, Scope};
-use super::slots::{SlotDemand, SlotTable};
+use super::slots::SlotTable;
 
 /// The name space of tasks, and what else is known of each than its model.
 pub(super) struct TaskTable<'f> {
@@ -80,39 +81,14 @@ impl<'f> TaskTable<'f> {
         if wanted.is_empty() {
             return;
         }
-        let mut demands: HashMap<u32, SlotDemand> = HashMap::new();
-        let mut used: HashSet<&str> = HashSet::new();
-        let regions = set
-            .trees
-            .iter()
-            .flat_map(|file| &file.containers)
-            .flat_map(|container| &container.regions);
-        for (region_index, region) in regions.enumerate() {
-            for state in &region.states {
-                let tree::StateKind::Task {
-                    task: Some(task), ..
-                } = state.kind
-                else {
-                    continue;
-                };
-                let name = names.text(task.0);
-                let Some(&(number, wcet_us)) = wanted.get(name) else {
-                    continue;
-                };
-                used.insert(name);
-                demands
-                    .entry(number.value)
-                    .or_insert_with(|| SlotDemand::new(task.0))
-                    .add(region_index, wcet_us);
-            }
-        }
+        let demands = Demands::of(set, &wanted, names);
         let trees = set.trees.iter().flat_map(|file| &file.tasks);
         for name in trees.filter_map(|tree| tree.name) {
             let name = names.text(name.0);
             if let Some(&(number, _)) = wanted.get(name)
-                && used.contains(name)
+                && let Some(demand) = demands.get(number.value, name)
             {
-                slots.report_unknown(number, demands.get(&number.value), names);
+                slots.report_unknown(number, demand, names);
             }
         }
     }
