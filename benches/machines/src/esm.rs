@@ -53,7 +53,8 @@ impl<'m, 'c> Machine<'m, 'c> {
     #[inline(always)]
     pub fn set(&mut self, flag: usize, value: bool) {
         let values = if value { u16::MAX } else { 0 };
-        self.interpreter.set_flags_at(&self.panel, 1 << flag, values);
+        self.interpreter
+            .set_flags_at(&self.panel, 1 << flag, values);
     }
 
     /// One macro step.
