@@ -1484,26 +1484,18 @@ impl<'m> Executor<'m> {
     fn connect_anew(&mut self, binding: &mut Binding, task: BoundTask) -> bool {
         let robot_us = self.state.robot_us;
         for (index, port) in task.declared.ports.iter().enumerate() {
-            let (Some(bound), Some(place)) =
-                (binding.ports.get(index), self.state.values.get_mut(index))
-            else {
+            let Some(place) = self.state.values.get_mut(index) else {
                 break;
             };
-            *place = match port.direction {
-                Direction::In => self
-                    .nets
-                    .get(usize::from(bound.net))
-                    .and_then(|net| net.fresh(port, robot_us)),
-                _ => choose_buffer(
-                    self.nets,
-                    self.registry,
-                    binding,
-                    task,
-                    index,
-                    robot_us,
-                    true,
-                ),
-            };
+            *place = find_buffer(
+                self.nets,
+                self.registry,
+                binding,
+                task,
+                index,
+                robot_us,
+                true,
+            );
             if place.is_none() && !port.optional {
                 return false;
             }
@@ -1583,18 +1575,15 @@ impl<'m> Executor<'m> {
                 .ports
                 .get(index)
                 .and_then(|bound| self.nets.get(usize::from(bound.net)));
-            let found = match port.direction {
-                Direction::In => net.and_then(|net| net.fresh(port, step_us)),
-                _ => choose_buffer(
-                    self.nets,
-                    self.registry,
-                    &mut binding,
-                    task,
-                    index,
-                    step_us,
-                    false,
-                ),
-            };
+            let found = find_buffer(
+                self.nets,
+                self.registry,
+                &mut binding,
+                task,
+                index,
+                step_us,
+                false,
+            );
             if found.is_none() && !port.optional {
                 return None;
             }
@@ -1784,11 +1773,12 @@ fn usual_value(
     is_usual.then_some(Some(value.head))
 }
 
-/// Finds the buffer for a port that is written or changed where it is not the usual one: an
-/// execution's first, one beside a background run that reads the last value, or a background run
-/// itself. `None` where the task cannot be executed, or the port is optional and has no value.
+/// Finds the buffer of a port: that of the fresh value on its net where it is read; where it is
+/// written or changed, one that nobody else looks at, for an execution's first value, beside a
+/// background run that reads the last one, or in a background run itself. `None` where the task
+/// cannot be executed, or the port is optional and has no value.
 #[inline(never)]
-fn choose_buffer(
+fn find_buffer(
     nets: &[Net],
     registry: Registry<'_>,
     binding: &mut Binding,
@@ -1799,6 +1789,10 @@ fn choose_buffer(
 ) -> Option<NonNull<Head>> {
     let ports = task.declared.ports;
     let port = ports.get(index)?;
+    if port.direction == Direction::In {
+        let net = nets.get(usize::from(binding.ports.get(index)?.net))?;
+        return net.fresh(port, robot_us);
+    }
     let bank = registry.bank(usize::from(binding.place.bank))?;
     let buffers = bank.output(usize::from(binding.place.place), index)?;
     let bound = binding.ports;

@@ -192,20 +192,22 @@ fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
     }
 }
 
+/// The workspaces that have a lock file. The crate `esm` has none: it is built as a part of others.
+const LOCKED: [&str; 6] = [
+    "",
+    BOARD_FOLDER,
+    EXAMPLE_FOLDER,
+    EXAMPLE_FIRMWARE_FOLDER,
+    fuzz::PACKAGE_FOLDER,
+    bench::MACHINES_FOLDER,
+];
+
 /// What needs no firmware: form, lints, documentation, and whether the tests notice mutants.
 fn checks(root: &Path, tally: &mut Tally) {
     tally.step("lines that are too wide", || form::command(root, false));
     tally.step("lock files name what is built", || {
         // What a user builds is what was tested, and a build leaves the checkout as it was.
-        let folders = [
-            "",
-            BOARD_FOLDER,
-            EXAMPLE_FOLDER,
-            EXAMPLE_FIRMWARE_FOLDER,
-            fuzz::PACKAGE_FOLDER,
-            bench::MACHINES_FOLDER,
-        ];
-        folders.into_iter().try_for_each(|folder| {
+        LOCKED.into_iter().try_for_each(|folder| {
             let arguments = ["update", "--workspace", "--locked", "--quiet"];
             process::run(cargo(&root.join(folder)).args(arguments))
         })
@@ -213,15 +215,7 @@ fn checks(root: &Path, tally: &mut Tally) {
     let rustfmt = has_component("fmt");
     let clippy = has_component("clippy");
     if rustfmt {
-        for folder in [
-            "",
-            BOARD_FOLDER,
-            "esm",
-            EXAMPLE_FOLDER,
-            EXAMPLE_FIRMWARE_FOLDER,
-            fuzz::PACKAGE_FOLDER,
-            bench::MACHINES_FOLDER,
-        ] {
+        for folder in LOCKED.into_iter().chain(["esm"]) {
             let name = format!(
                 "formatting of {}",
                 if folder.is_empty() {

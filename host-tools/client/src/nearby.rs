@@ -68,7 +68,13 @@ fn above(place: &Path) -> PathBuf {
     }
 }
 
-/// Names in a folder, in order, without those that are hidden and what cargo fills.
+/// Whether a file or folder with a name is passed over where sources are looked for: what is
+/// hidden, and what cargo and npm fill.
+pub fn is_nobodys_source(name: &str) -> bool {
+    name.starts_with('.') || ["target", "node_modules"].contains(&name)
+}
+
+/// Names in a folder, in order, of what may be somebody's source.
 fn entries(folder: &Path, is_wanted: impl Fn(fs::FileType) -> bool) -> Vec<String> {
     let folder = if folder.as_os_str().is_empty() {
         Path::new(".")
@@ -83,7 +89,7 @@ fn entries(folder: &Path, is_wanted: impl Fn(fs::FileType) -> bool) -> Vec<Strin
         .take(MAX_ENTRIES)
         .filter(|entry| entry.file_type().is_ok_and(&is_wanted))
         .filter_map(|entry| entry.file_name().into_string().ok())
-        .filter(|name| !name.starts_with('.') && name != "target")
+        .filter(|name| !is_nobodys_source(name))
         .collect();
     names.sort();
     names

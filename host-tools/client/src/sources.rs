@@ -8,7 +8,7 @@ use esm_toolkit::lang::{self, Checked, LoadError, MAX_FILE_BYTES, Overlay, Store
 use esm_toolkit::language_server::Workspace;
 
 use crate::files;
-use crate::nearby::nearby;
+use crate::nearby::{is_nobodys_source, nearby};
 
 /// The file system.
 #[derive(Clone, Copy, Debug, Default)]
@@ -73,8 +73,7 @@ impl Workspace for Disk {
                 let Ok(kind) = entry.file_type() else {
                     continue;
                 };
-                // What is hidden, and what cargo and npm fill, is nobody's source.
-                if name.starts_with('.') || ["target", "node_modules"].contains(&name.as_ref()) {
+                if is_nobodys_source(&name) {
                     continue;
                 }
                 // Links to folders are not followed, so the way down ends.

@@ -17,7 +17,24 @@ pub(in crate::lang) struct Trees<'f> {
     pub(in crate::lang) lacks_files: bool,
 }
 
-impl Trees<'_> {
+impl<'f> Trees<'f> {
+    /// The tasks of all files.
+    pub(super) fn tasks(&self) -> impl Iterator<Item = &'f tree::Task> + use<'f> {
+        self.trees.iter().flat_map(|file| &file.tasks)
+    }
+
+    /// The containers and machines of all files.
+    pub(super) fn containers(&self) -> impl Iterator<Item = &'f tree::Container> + use<'f> {
+        self.trees.iter().flat_map(|file| &file.containers)
+    }
+
+    /// The states of all of these.
+    pub(super) fn states(&self) -> impl Iterator<Item = &'f tree::State> + use<'f> {
+        self.containers()
+            .flat_map(|container| &container.regions)
+            .flat_map(|region| &region.states)
+    }
+
     /// Whether declarations may be missing: then no task, container or slot is unknown for certain.
     pub(super) fn is_incomplete(&self) -> bool {
         self.lacks_files || self.trees.iter().any(|file| file.is_cut)

@@ -60,7 +60,7 @@ impl<'f> Demands<'f> {
             users: HashMap::new(),
         };
         let superstates = superstates(set, names);
-        for container in set.trees.iter().flat_map(|file| &file.containers) {
+        for container in set.containers() {
             let name = container.name.map_or("", |name| names.text(name.0));
             let times = superstates.get(name).copied().unwrap_or(1);
             for region in &container.regions {
@@ -105,9 +105,7 @@ impl<'f> Demands<'f> {
 /// How many superstates name each container.
 fn superstates<'f>(set: &Trees<'f>, names: &Names<'f, '_>) -> HashMap<&'f str, u64> {
     let mut times = HashMap::new();
-    let containers = set.trees.iter().flat_map(|file| &file.containers);
-    let regions = containers.flat_map(|container| &container.regions);
-    for state in regions.flat_map(|region| &region.states) {
+    for state in set.states() {
         if let StateKind::Super {
             container: Some(name),
         } = state.kind

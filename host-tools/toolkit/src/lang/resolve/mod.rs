@@ -240,7 +240,7 @@ fn declare_containers<'f>(
         scope.is_incomplete();
     }
     let mut trees = Vec::new();
-    for tree in set.trees.iter().flat_map(|file| &file.containers) {
+    for tree in set.containers() {
         let index = trees.len();
         trees.push(tree);
         if let (true, Some(name)) = (tree.is_machine, tree.name) {

@@ -196,18 +196,11 @@ fn nearest_rates(hertz: u32) -> impl Iterator<Item = u32> {
 
 /// Slots that tasks or task states name.
 fn slots_of_tasks(set: &Trees<'_>) -> HashSet<u32> {
-    let tasks = set.trees.iter().flat_map(|file| &file.tasks);
-    let regions = set
-        .trees
-        .iter()
-        .flat_map(|file| &file.containers)
-        .flat_map(|container| &container.regions);
-    let states = regions.flat_map(|region| &region.states);
-    let of_states = states.filter_map(|state| match state.kind {
+    let of_states = set.states().filter_map(|state| match state.kind {
         StateKind::Task { slot, .. } => slot.value(),
         StateKind::Simple | StateKind::Super { .. } => None,
     });
-    tasks
+    set.tasks()
         .filter_map(|task| task.slot.value())
         .chain(of_states)
         .map(|number| number.value)

@@ -60,7 +60,7 @@ impl<'f> TaskTable<'f> {
         if set.is_incomplete() {
             table.names.is_incomplete();
         }
-        for (index, tree) in set.trees.iter().flat_map(|file| &file.tasks).enumerate() {
+        for (index, tree) in set.tasks().enumerate() {
             names.declare(&mut table.names, tree.name, index, "task");
             let (task, facts) = declare_task(tree, slots, names);
             check_wcet(&task, &facts, slots, model, names);
@@ -82,7 +82,7 @@ impl<'f> TaskTable<'f> {
             return;
         }
         let demands = Demands::of(set, &wanted, names);
-        let trees = set.trees.iter().flat_map(|file| &file.tasks);
+        let trees = set.tasks();
         for name in trees.filter_map(|tree| tree.name) {
             let name = names.text(name.0);
             if let Some(&(number, _)) = wanted.get(name)
@@ -99,7 +99,7 @@ impl<'f> TaskTable<'f> {
         set: &Trees<'f>,
         names: &Names<'f, '_>,
     ) -> HashMap<&'f str, (Number, u32)> {
-        let trees = set.trees.iter().flat_map(|file| &file.tasks);
+        let trees = set.tasks();
         let mut wanted = HashMap::new();
         for (index, (tree, facts)) in trees.zip(&self.facts).enumerate() {
             if let (Some(name), Given::Value(number), Given::Broken) =
@@ -116,7 +116,7 @@ impl<'f> TaskTable<'f> {
 
     /// What is not known of each task.
     pub(super) fn holes(&self, set: &Trees<'f>, names: &Names<'f, '_>) -> Vec<TaskHoles> {
-        let trees = set.trees.iter().flat_map(|file| &file.tasks);
+        let trees = set.tasks();
         trees
             .enumerate()
             .map(|(index, tree)| TaskHoles {
