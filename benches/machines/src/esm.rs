@@ -52,9 +52,10 @@ impl<'m, 'c> Machine<'m, 'c> {
     /// Sets a flag of the panel, or clears it.
     #[inline(always)]
     pub fn set(&mut self, flag: usize, value: bool) {
-        let values = if value { u16::MAX } else { 0 };
-        self.interpreter
-            .set_flags_at(&self.panel, 1 << flag, values);
+        // As an executor has it: a bit for each flag that its task wrote, and one for each it set.
+        let written = (1_u32 << flag) as u16;
+        let values = if value { written } else { 0 };
+        self.interpreter.set_flags_at(&self.panel, written, values);
     }
 
     /// One macro step.

@@ -376,9 +376,11 @@ impl<'m, R: Access> Machine<'m, R> {
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn write_flags(&mut self, first: usize, region: u16, written: u32, values: u32) {
         let region = usize::from(region);
-        let end = first + (u32::BITS - written.leading_zeros()) as usize;
+        // Most tasks have the flags of others behind theirs, and theirs need not be counted.
+        let has_flags = first + u16::BITS as usize <= self.layout.flag_bits
+            || first + (u32::BITS - written.leading_zeros()) as usize <= self.layout.flag_bits;
         // Behind the flags other words follow: so a window that begins in them is in the arena.
-        let is_inside = end <= self.layout.flag_bits && region < self.layout.regions;
+        let is_inside = has_flags && region < self.layout.regions;
         if is_inside && R::write_window(self.arena, self.places.flags, first, written, values) {
             self.set_awake(self.here(region), true);
         }

@@ -270,7 +270,7 @@ impl Report {
         );
         promise(
             m4("CD player, macro step from flag through event to transition"),
-            Bound::AtMost(320.0),
+            Bound::AtMost(310.0),
             fast.difference(OURS, HARNESS),
         );
         for idle in Idle::ALL {
