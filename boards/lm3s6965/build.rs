@@ -1,86 +1,10 @@
 //! Puts `memory.x` from the top of the checkout where the linker looks for it, and turns the
 //! numbers of `board.toml` into constants.
 
-use std::collections::HashMap;
-use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
-use std::{env, fs};
-
-/// Keys of `board.toml` that the board's code is built with, and the types of their constants.
-const SETTINGS: [(&str, &str); 10] = [
-    ("blob_bytes", "usize"),
-    ("arena_words", "usize"),
-    ("slots", "usize"),
-    ("tasks", "usize"),
-    ("nets", "usize"),
-    ("exclusive_groups", "usize"),
-    ("trace_bytes", "usize"),
-    ("ticks_per_us", "u32"),
-    ("wheel_base_m", "f32"),
-    ("counts_per_revolution", "f32"),
-];
-
-/// What cargo says of the features that take memory: a build without any of them is lean.
-const FEATURES: [&str; 4] = [
-    "CARGO_FEATURE_RECORD",
-    "CARGO_FEATURE_STORE",
-    "CARGO_FEATURE_BLACK_BOX",
-    "CARGO_FEATURE_WARM",
-];
-
 fn main() {
-    let out = folder("OUT_DIR");
-    // Relative to this package, so that a build that was moved with its checkout does not look at
-    // the old place.
-    let memory = Path::new("../../memory.x");
-    fs::copy(memory, out.join("memory.x")).expect("memory.x stands at the top of the checkout");
-    println!("cargo:rustc-link-search={}", out.display());
-    println!("cargo:rerun-if-changed={}", memory.display());
+    board_settings::write();
+    board_settings::linker_script("../../memory.x");
     // Of functions that are the same, instruction by instruction, the robot's firmware has one.
     // Nothing compares addresses of functions. What is measured is linked plainly.
     println!("cargo:rustc-link-arg-bin=rover=--icf=all");
-
-    let board = Path::new("board.toml");
-    println!("cargo:rerun-if-changed={}", board.display());
-    let is_lean = !FEATURES
-        .iter()
-        .any(|feature| env::var_os(feature).is_some());
-    fs::write(out.join("settings.rs"), settings(board, is_lean))
-        .expect("OUT_DIR can be written to");
-}
-
-fn folder(variable: &str) -> PathBuf {
-    env::var_os(variable)
-        .expect("cargo sets its variables")
-        .into()
-}
-
-/// One constant for each of [`SETTINGS`]; a lean build takes those of the sections `….lean` where
-/// they have one.
-fn settings(board: &Path, is_lean: bool) -> String {
-    let text = fs::read_to_string(board).expect("board.toml stands beside build.rs");
-    let mut values = HashMap::new();
-    let mut is_for_lean = false;
-    for line in text.lines() {
-        if line.starts_with('[') {
-            is_for_lean = line.ends_with(".lean]");
-        } else if let Some((key, value)) = line.split_once(" = ")
-            && (is_lean || !is_for_lean)
-        {
-            values.insert(key, value);
-        }
-    }
-    let mut constants = String::new();
-    for (key, rust_type) in SETTINGS {
-        let value = values
-            .get(key)
-            .unwrap_or_else(|| panic!("board.toml has no `{key} = …`"));
-        let name = key.to_uppercase();
-        // Writing to a string cannot fail.
-        let _ = writeln!(
-            constants,
-            "/// `{key}` of `board.toml`.\npub const {name}: {rust_type} = {value};"
-        );
-    }
-    constants
 }

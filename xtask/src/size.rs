@@ -141,12 +141,14 @@ const PARTS: [(&str, &[&str]); 9] = [
     ),
     ("runtime", &["11rt_firmware", "rt_firmware.."]),
     ("interpreter", &["8esm_core", "esm_core.."]),
-    ("log", &["5defmt", "_defmt", "8lm3s69653log"]),
+    ("log", &["5defmt", "_defmt", "14cortex_m_board3log"]),
     (
         "board",
         &[
             "8lm3s6965",
             "lm3s6965..",
+            "14cortex_m_board",
+            "cortex_m_board..",
             "5rover",
             "11semihosting",
             "UART0",

@@ -42,8 +42,6 @@ pub mod flash;
 #[path = "no_flash.rs"]
 pub mod flash;
 pub mod line;
-#[cfg(feature = "log")]
-pub mod log;
 pub mod plant;
 #[cfg(feature = "plant-line")]
 pub mod plant_line;
@@ -55,19 +53,21 @@ pub mod registers;
 pub mod reset_cause;
 pub mod slot_timer;
 pub mod slots;
-pub mod stack;
 pub mod uart;
 pub mod watchdog;
 
 mod app;
 
-use core::mem::MaybeUninit;
-
 use esm_link::message::ResetReason;
 use rt_firmware::body::PinImage;
 
+#[cfg(feature = "log")]
+use cortex_m_board::log;
+use cortex_m_board::stack;
 use slots::SlotBoard;
 
+#[doc(hidden)]
+pub use cortex_m_board::put;
 #[doc(hidden)]
 pub use cortex_m_rt as rt;
 #[doc(hidden)]
@@ -93,6 +93,9 @@ pub type Memory<'m> = rt_firmware::Memory<
     { settings::TRACE_BYTES },
 >;
 
+#[cfg(feature = "log")]
+defmt::timestamp!("{=u64:us}", clock::now_us());
+
 /// The pins. Drivers are built on their [`parts`](PinImage::parts) by the robot; the slot timer's
 /// handler carries them to the plant.
 pub static PINS: PinImage = PinImage::new();
@@ -109,6 +112,8 @@ pub struct Start {
 /// all, with interrupts off.
 pub fn start() -> Start {
     stack::paint();
+    #[cfg(feature = "log")]
+    log::start(pac::Interrupt::TIMER_0A);
     clock::start();
     uart::start();
     plant::open();
@@ -132,12 +137,4 @@ pub fn start() -> Start {
         reset,
         board: SlotBoard::new(plant_time_us),
     }
-}
-
-/// Puts a value into its place. Not inlined, so that what making it takes of the stack is given
-/// back before the next is made.
-#[doc(hidden)]
-#[inline(never)]
-pub fn put<T>(place: &'static mut MaybeUninit<T>, make: impl FnOnce() -> T) -> &'static mut T {
-    place.write(make())
 }

@@ -5,20 +5,17 @@
 //! that left no reason was the watchdog's own (interrupts were masked for good) or came from
 //! outside: then the chip's own register says more.
 
-use core::cell::UnsafeCell;
-use core::mem::MaybeUninit;
-use core::panic::PanicInfo;
 use core::ptr;
 
-use cortex_m::peripheral::SCB;
-use cortex_m_rt::{ExceptionFrame, exception};
-use esm_link::message::{CoreFault, ResetReason};
-use rt_firmware::RetainedRam;
+use cortex_m_board::crash::{self, Uninit};
+use esm_link::message::ResetReason;
 use rt_firmware::body::{Actuators, Request};
 use rt_firmware::retained_ram::CrashCause;
 
 use crate::registers::system_control;
 use crate::{plant, reset_cause};
+
+pub use crash::kept;
 
 /// What is kept of the way to the plant. Every bit pattern is valid, so reading what power-on left
 /// there is harmless.
@@ -34,36 +31,20 @@ struct Exchanges {
 
 const MARK: u32 = 0x6576_6F53;
 
-/// Memory that the start-up code leaves alone.
-struct Uninit<T>(UnsafeCell<MaybeUninit<T>>);
-
-// SAFETY: of the two below, one is touched through `read` and `write` alone, with volatile accesses
-// of plain words on a single core; a torn one can at worst tell a wrong time. The other is made of
-// atomics.
-unsafe impl<T> Sync for Uninit<T> {}
-
+// Touched through `read` and `write` alone, with volatile accesses of plain words on a single core;
+// a torn one can at worst tell a wrong time.
 #[unsafe(link_section = ".uninit.post_mortem")]
-static EXCHANGES: Uninit<Exchanges> = Uninit(UnsafeCell::new(MaybeUninit::uninit()));
-
-#[unsafe(link_section = ".uninit.kept")]
-static RETAINED_RAM: Uninit<RetainedRam> = Uninit(UnsafeCell::new(MaybeUninit::uninit()));
-
-/// What is kept across a reset.
-pub fn kept() -> &'static RetainedRam {
-    // SAFETY: the memory is RAM, aligned for `RetainedRam`, which is made of atomic words of which
-    // every bit pattern is valid; nobody has a mutable reference.
-    unsafe { &*RETAINED_RAM.0.get().cast::<RetainedRam>() }
-}
+static EXCHANGES: Uninit<Exchanges> = Uninit::new();
 
 fn read() -> Exchanges {
     // SAFETY: the memory is RAM, aligned for `Exchanges`, every bit pattern of which is valid;
     // volatile keeps the compiler from reasoning about what it never saw written.
-    unsafe { ptr::read_volatile(EXCHANGES.0.get().cast::<Exchanges>()) }
+    unsafe { ptr::read_volatile(EXCHANGES.get()) }
 }
 
 fn write(exchanges: Exchanges) {
     // SAFETY: as for `read`; nobody holds a reference into it.
-    unsafe { ptr::write_volatile(EXCHANGES.0.get().cast::<Exchanges>(), exchanges) }
+    unsafe { ptr::write_volatile(EXCHANGES.get(), exchanges) }
 }
 
 /// Value for PBORCTL with which a supply that sags resets the chip, and is told as that. After a
@@ -98,57 +79,18 @@ pub fn note_exchange(request: &Request) {
 
 /// Ends the firmware: motors off, the reason kept, reset. From any context, also from one that
 /// interrupted an exchange's bookkeeping.
-pub fn end(ending: &CrashCause<'_>) -> ! {
-    cortex_m::interrupt::disable();
-    let exchanges = read();
-    // A motor driver of a real board would be switched off at its enable pin here; this board's
-    // pins are the plant's.
-    let _ = plant::exchange(&Request {
-        sequence: exchanges.sequence.wrapping_add(1),
-        start_us: exchanges.plant_time_us,
-        effect_us: exchanges.plant_time_us,
-        actuators: Actuators::default(),
-    });
-    kept().end(ending);
-    SCB::sys_reset()
+pub fn end(cause: &CrashCause<'_>) -> ! {
+    crash::end(cause, || {
+        let exchanges = read();
+        // A motor driver of a real board would be switched off at its enable pin here; this board's
+        // pins are the plant's.
+        let _ = plant::exchange(&Request {
+            sequence: exchanges.sequence.wrapping_add(1),
+            start_us: exchanges.plant_time_us,
+            effect_us: exchanges.plant_time_us,
+            actuators: Actuators::default(),
+        });
+    })
 }
 
-#[panic_handler]
-fn panic(info: &PanicInfo<'_>) -> ! {
-    // The message stays in the code's panic location; formatting it would cost kilobytes of flash.
-    let (file, line) = info
-        .location()
-        .map_or(("", 0), |location| (location.file(), location.line()));
-    end(&CrashCause::Panic { file, line })
-}
-
-// SAFETY: the handler neither returns nor trusts the state that it interrupted.
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
-    const MEMORY_ADDRESS_VALID: u32 = 1 << 7;
-    const BUS_ADDRESS_VALID: u32 = 1 << 15;
-    // SAFETY: the registers are always there, and reading them changes nothing.
-    let (status, hard_status, memory_address, bus_address) = unsafe {
-        let scb = &*SCB::PTR;
-        (
-            scb.cfsr.read(),
-            scb.hfsr.read(),
-            scb.mmfar.read(),
-            scb.bfar.read(),
-        )
-    };
-    let address = if status & BUS_ADDRESS_VALID != 0 {
-        bus_address
-    } else if status & MEMORY_ADDRESS_VALID != 0 {
-        memory_address
-    } else {
-        0
-    };
-    end(&CrashCause::Fault(CoreFault {
-        pc: frame.pc(),
-        lr: frame.lr(),
-        status,
-        hard_status,
-        address,
-    }))
-}
+cortex_m_board::crash_handlers!(end);

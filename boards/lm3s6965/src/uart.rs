@@ -1,9 +1,9 @@
 //! UART0, the serial line of the link: 115,200 baud, 8 bits, no parity.
 //!
-//! Only its interrupt handler calls what moves bytes; [`line`](crate::line) has the queues around
-//! it.
+//! [`line`](crate::line) has the queues around it.
 
 use cortex_m::peripheral::NVIC;
+use cortex_m_board::line::Wire;
 use pac::Interrupt;
 
 use crate::clock::TICKS_PER_US;
@@ -11,9 +11,6 @@ use crate::registers::{gpio_a, system_control, timer1, uart0};
 
 /// Speed of the line in baud.
 pub const BAUD: u32 = 115_200;
-
-/// Bytes that the part's own FIFO holds; as many are moved in one interrupt at most.
-pub const FIFO_BYTES: usize = 16;
 
 const RECEIVER_EMPTY: u32 = 1 << 4;
 const TRANSMITTER_FULL: u32 = 1 << 5;
@@ -51,51 +48,50 @@ pub fn start() {
     timer1::TAMR.write(ONE_SHOT);
 }
 
-/// Takes the interrupt back. To be called first in its handler.
-pub fn acknowledge() {
-    uart0::ICR.write(RECEIVED | RECEIVE_TIMEOUT | SENT);
-}
+/// The bytes of the UART, for its interrupt handler.
+pub struct Uart0;
 
-/// Says that bytes came, so that more may follow. A wire brings them by itself. The emulator looks
-/// at what stands for the wire only where its virtual time stops: at the deadlines of its timers,
-/// while the core sleeps. Between two slots there would be none, and one FIFO a slot is all that
-/// would arrive; so a timer without an interrupt makes some, as long as bytes come. On the part
-/// itself nobody sees it run.
-pub fn expect_more() {
-    const LOOK_AGAIN_US: u32 = 200;
-    const TIMER_A_ENABLE: u32 = 1;
-    timer1::CTL.write(0);
-    timer1::TAILR.write(LOOK_AGAIN_US * TICKS_PER_US);
-    timer1::CTL.write(TIMER_A_ENABLE);
-}
+impl Wire for Uart0 {
+    const FIFO_BYTES: usize = 16;
 
-/// Whether there is a byte in the receiver's FIFO.
-pub fn has_received() -> bool {
-    uart0::FR.read() & RECEIVER_EMPTY == 0
-}
-
-/// The next byte of the receiver's FIFO.
-pub fn receive() -> Option<u8> {
-    if !has_received() {
-        return None;
+    fn acknowledge(&mut self) {
+        uart0::ICR.write(RECEIVED | RECEIVE_TIMEOUT | SENT);
     }
-    // The bits above the byte tell of line errors, which the link's checksum finds as well.
-    Some(uart0::DR.read() as u8)
-}
 
-/// Whether the transmitter's FIFO has room.
-pub fn can_send() -> bool {
-    uart0::FR.read() & TRANSMITTER_FULL == 0
-}
+    /// A wire brings more by itself. The emulator looks at what stands for the wire only where its
+    /// virtual time stops: at the deadlines of its timers, while the core sleeps. Between two slots
+    /// there would be none, and one FIFO a slot is all that would arrive; so a timer without an
+    /// interrupt makes some, as long as bytes come. On the part itself nobody sees it run.
+    fn expect_more(&mut self) {
+        const LOOK_AGAIN_US: u32 = 200;
+        const TIMER_A_ENABLE: u32 = 1;
+        timer1::CTL.write(0);
+        timer1::TAILR.write(LOOK_AGAIN_US * TICKS_PER_US);
+        timer1::CTL.write(TIMER_A_ENABLE);
+    }
 
-/// Puts a byte into the transmitter's FIFO; only where it [has room](can_send).
-pub fn send(byte: u8) {
-    uart0::DR.write(u32::from(byte));
-}
+    fn has_received(&mut self) -> bool {
+        uart0::FR.read() & RECEIVER_EMPTY == 0
+    }
 
-/// Sets whether the interrupt comes for a transmitter's FIFO that runs empty, too. For received
-/// bytes it always comes.
-pub fn want_sent(sent: bool) {
-    let sent = if sent { SENT } else { 0 };
-    uart0::IM.write(RECEIVED | RECEIVE_TIMEOUT | sent);
+    fn receive(&mut self) -> Option<u8> {
+        if !self.has_received() {
+            return None;
+        }
+        // The bits above the byte tell of line errors, which the link's checksum finds as well.
+        Some(uart0::DR.read() as u8)
+    }
+
+    fn can_send(&mut self) -> bool {
+        uart0::FR.read() & TRANSMITTER_FULL == 0
+    }
+
+    fn send(&mut self, byte: u8) {
+        uart0::DR.write(u32::from(byte));
+    }
+
+    fn want_sent(&mut self, sent: bool) {
+        let sent = if sent { SENT } else { 0 };
+        uart0::IM.write(RECEIVED | RECEIVE_TIMEOUT | sent);
+    }
 }

@@ -8,11 +8,11 @@
 use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicU8, AtomicU16, AtomicU32, Ordering};
 
+use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::SCB;
 use cortex_m::peripheral::scb::VectActive;
 use critical_section::RestoreState;
 use defmt::{Encoder, Logger};
-use pac::Interrupt;
 
 /// Bytes of each ring; a power of two, so that positions wrap without a division.
 const RING_BYTES: usize = 256;
@@ -152,13 +152,19 @@ struct Restore(UnsafeCell<RestoreState>);
 unsafe impl Sync for Restore {}
 static RESTORE: Restore = Restore(UnsafeCell::new(RestoreState::invalid()));
 
-/// Whether the slot timer's handler is running. The watchdog's, above it, must not log: it could
-/// interrupt a frame.
+/// Number of the slot timer's interrupt.
+static SLOT_TIMER: AtomicU8 = AtomicU8::new(u8::MAX);
+
+/// Says which interrupt is the slot timer's. To be called before interrupts are on.
+pub fn start(slot_timer: impl InterruptNumber) {
+    SLOT_TIMER.store(slot_timer.number() as u8, Ordering::Relaxed);
+}
+
+/// Whether the slot timer's handler is running. A handler above it must not log: it could interrupt
+/// a frame.
 fn in_slot_context() -> bool {
-    SCB::vect_active()
-        == VectActive::Interrupt {
-            irqn: Interrupt::TIMER_0A as u16 as u8,
-        }
+    let irqn = SLOT_TIMER.load(Ordering::Relaxed);
+    SCB::vect_active() == VectActive::Interrupt { irqn }
 }
 
 fn channel() -> &'static Channel {
@@ -209,8 +215,6 @@ unsafe impl Logger for RingLogger {
         }
     }
 }
-
-defmt::timestamp!("{=u64:us}", crate::clock::now_us());
 
 /// Moves encoded log bytes into `buffer`; returns how many. For the link task alone. Frames of the
 /// two rings are never mixed: a ring is read on until its last whole frame is out.
