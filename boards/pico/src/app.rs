@@ -1,0 +1,142 @@
+//! The RTIC app, as a macro: RTIC generates a program for the types that it is given, so it cannot
+//! be generic over the robot.
+
+/// Makes the firmware of a robot: `main`, the interrupt handlers, and the memory of all of it.
+///
+/// `robot` is the registry's type, with the function that builds it from the rover's parts on this
+/// board; `firmware` is the name and version that the robot tells of itself, in at most 40 bytes.
+///
+/// `default_mission` are the bytes of a mission that `esm build` has made: what the robot does if
+/// its flash has no mission that may run. Without it, it does nothing then.
+#[macro_export]
+macro_rules! app {
+    (
+        firmware: $firmware:expr,
+        robot: $robot:ty = $make:expr
+        $(, default_mission: $default_mission:expr)? $(,)?
+    ) => {
+        #[$crate::rtic::app(device = $crate::rp2040_hal::pac, peripherals = false)]
+        // RTIC calls unsafe functions in unsafe functions without a block around the call.
+        #[allow(unsafe_op_in_unsafe_fn, missing_docs)]
+        mod app {
+            use core::mem::MaybeUninit;
+
+            use super::*;
+            use $crate::flash::StoreMemory;
+            use $crate::heapless::spsc::Queue;
+            use $crate::line::{self, Line, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
+            use $crate::pins::{BoardRoverParts, StopPin};
+            use $crate::rp2040_hal::pac::Interrupt;
+            use $crate::rp2040_hal::vector_table::VectorTable;
+            use $crate::rt_firmware::{
+                About, AnyTaskPool, Background, Limits, LinkSide, Mailbox, RealTime, WithStopButton,
+                split,
+            };
+            use $crate::slots::SlotBoard;
+            use $crate::uart::Uart0;
+            use $crate::{clock, cortex_m, crash, rtic};
+
+            type Banks = [&'static mut (dyn AnyTaskPool + 'static); <$robot>::POOLS];
+
+            #[shared]
+            struct Shared {}
+
+            // The large ones by reference: RTIC moves these on the stack.
+            #[local]
+            struct Local {
+                real_time: &'static mut RealTime<'static, 'static>,
+                board: WithStopButton<SlotBoard, StopPin>,
+                background: Background<'static, 'static>,
+                link: &'static mut LinkSide<'static, 'static>,
+                link_end: LinkEnd,
+                line: Line,
+                uart: Uart0,
+            }
+
+            #[init(local = [
+                vectors: VectorTable = VectorTable::new(),
+                robot: MaybeUninit<$robot> = MaybeUninit::uninit(),
+                banks: MaybeUninit<Banks> = MaybeUninit::uninit(),
+                memory: $crate::Memory<'static> = <$crate::Memory<'static>>::new(),
+                mailbox: Mailbox<'static> = Mailbox::new(),
+                real_time_place: MaybeUninit<RealTime<'static, 'static>> = MaybeUninit::uninit(),
+                link_place: MaybeUninit<LinkSide<'static, 'static>> = MaybeUninit::uninit(),
+                received: Queue<u8, RECEIVE_BYTES> = Queue::new(),
+                to_transmit: Queue<u8, TRANSMIT_BYTES> = Queue::new(),
+                keep: StoreMemory = StoreMemory::new(),
+            ])]
+            fn init(cx: init::Context) -> (Shared, Local) {
+                let start = $crate::start(cx.local.vectors);
+                let parts = start.parts;
+                let robot = $crate::put(cx.local.robot, || {
+                    let make: fn(BoardRoverParts) -> $robot = $make;
+                    make(parts.rover)
+                });
+                let banks = cx.local.banks.write(robot.banks());
+                let about = About {
+                    reset: start.reset,
+                    kept: Some(crash::kept()),
+                    ..About::new($firmware, $crate::NAME)
+                };
+                let mut background = None;
+                let real_time = $crate::put(cx.local.real_time_place, || {
+                    let limits = Limits::default();
+                    match split(cx.local.memory, banks, cx.local.mailbox, about, limits) {
+                        Ok((real_time, other, link)) => {
+                            background = Some((other, cx.local.link_place.write(link)));
+                            real_time
+                        }
+                        Err(_) => panic!("two tasks have one name, or two port types do"),
+                    }
+                });
+                let Some((background, link)) = background else {
+                    panic!("the sides are made together");
+                };
+                let own: Option<&'static [u8]> = [$(&$default_mission[..])?].first().copied();
+                let keep = cx.local.keep.open(own);
+                let (line, mut link_end) = line::split(
+                    cx.local.received,
+                    cx.local.to_transmit,
+                    link.stop_listener(),
+                    keep,
+                );
+                link.start(&mut link_end);
+                let mut board = start.board;
+                board.start_watchdog();
+                let board = WithStopButton::new(board, parts.stop_button);
+                let uart = parts.uart;
+                (Shared {}, Local { real_time, board, background, link, link_end, line, uart })
+            }
+
+            #[idle(local = [background])]
+            fn idle(cx: idle::Context) -> ! {
+                loop {
+                    if !cx.local.background.poll() {
+                        // An interrupt that gives it work ends the sleep, or has come already and
+                        // made it pending.
+                        cortex_m::asm::wfi();
+                    }
+                }
+            }
+
+            #[task(binds = TIMER_IRQ_0, priority = 4, local = [real_time, board])]
+            fn slots(cx: slots::Context) {
+                let next_us = cx.local.real_time.on_timer(cx.local.board);
+                clock::set(next_us);
+                rtic::export::pend(Interrupt::SW0_IRQ);
+            }
+
+            #[task(binds = UART0_IRQ, priority = 3, local = [line, uart])]
+            fn wire(cx: wire::Context) {
+                if cx.local.line.serve(cx.local.uart) {
+                    rtic::export::pend(Interrupt::SW0_IRQ);
+                }
+            }
+
+            #[task(binds = SW0_IRQ, priority = 2, local = [link, link_end])]
+            fn link(cx: link::Context) {
+                cx.local.link_end.serve(cx.local.link);
+            }
+        }
+    };
+}

@@ -1,0 +1,70 @@
+//! The time since start-up, and the timer whose interrupt starts the slots: the chip's own timer,
+//! which counts microseconds in 64 bits, and its alarm 0.
+
+use cortex_m::peripheral::NVIC;
+use rp2040_hal::pac::{self, Interrupt, RESETS, TIMER};
+
+pub use crate::settings::TICKS_PER_US;
+
+/// The timer's interrupt comes at least this often, in microseconds, with or without a slot to
+/// start: it feeds the watchdog.
+pub const LONGEST_SLEEP_US: u32 = 100_000;
+
+const ALARM_0: u32 = 1;
+
+/// The timer's registers.
+fn timer() -> &'static pac::timer::RegisterBlock {
+    // SAFETY: the registers are there for the chip's whole life. What is written to them here are
+    // alarm 0 and its interrupt, by the slot timer's handler alone once that runs.
+    unsafe { &*TIMER::ptr() }
+}
+
+/// Starts the timer, and lets its interrupt come at once, once interrupts are on. The watchdog's
+/// tick, which the clocks were started with, is what it counts.
+pub fn start(_: TIMER, resets: &mut RESETS) {
+    const { assert!(TICKS_PER_US == 1, "the timer counts microseconds") };
+    resets.reset().modify(|_, w| w.timer().clear_bit());
+    while resets.reset_done().read().timer().bit_is_clear() {}
+    timer().inte().write(|w| w.alarm_0().set_bit());
+    call();
+}
+
+/// Microseconds since start-up. From any context.
+pub fn now_us() -> u64 {
+    loop {
+        let high = timer().timerawh().read().bits();
+        let low = timer().timerawl().read().bits();
+        // The low half came round between the two once in 71 minutes.
+        if timer().timerawh().read().bits() == high {
+            return u64::from(high) << u32::BITS | u64::from(low);
+        }
+    }
+}
+
+/// The low half of the microseconds since start-up.
+#[inline(always)]
+pub fn count() -> u32 {
+    timer().timerawl().read().bits()
+}
+
+/// Lets the slot timer's interrupt come at once. From any context.
+pub fn call() {
+    NVIC::pend(Interrupt::TIMER_IRQ_0);
+}
+
+/// Takes the slot timer's interrupt back, and lets the next one come when the clock shows `at_us`,
+/// at once if it has. To be called at the end of the timer's handler.
+///
+/// `at_us` is at most [`LONGEST_SLEEP_US`] away, as the runtime promises.
+#[inline(always)]
+pub fn set(at_us: u64) {
+    let at = at_us as u32;
+    // SAFETY: any bits are a time, or an alarm to be taken back.
+    timer().intr().write(|w| unsafe { w.bits(ALARM_0) });
+    // SAFETY: as above.
+    timer().alarm0().write(|w| unsafe { w.bits(at) });
+    // The alarm comes when the two are equal, and never for a time that has passed.
+    if at.wrapping_sub(count()) as i32 <= 0 {
+        call();
+    }
+}

@@ -1,0 +1,184 @@
+//! The flash that missions are kept in: the last sectors of the chip's own.
+//!
+//! Erasing and writing is done by functions in the boot ROM. Meanwhile nothing can be read from the
+//! flash, and nothing needs it: code and data are in RAM (`pico.x`), so that slots interrupt an
+//! operation like any other work of the link.
+
+use core::mem::MaybeUninit;
+use core::slice;
+
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
+};
+use rp2040_hal::rom_data;
+use rt_firmware::store::flash_store::{self, FlashStore};
+
+use crate::{crash, settings};
+
+/// What is erased at once.
+const SECTOR_BYTES: u32 = 4_096;
+/// What the boot ROM writes at once.
+const PAGE_BYTES: usize = 256;
+/// What the store writes at once. The rest of the page is written as ones, which leave a bit as it
+/// is.
+const WRITE_BYTES: usize = 32;
+
+/// Bytes of the store.
+pub const BYTES: u32 = flash_store::flash_bytes(settings::BLOB_BYTES as u32, SECTOR_BYTES);
+/// Bytes of a Pico's flash.
+const FLASH_BYTES: u32 = 2 << 20;
+/// What `pico.x` leaves for the store.
+const RESERVED_BYTES: u32 = 64 << 10;
+/// Where the store begins, in the flash.
+const START: u32 = FLASH_BYTES - RESERVED_BYTES;
+const _: () = assert!(BYTES <= RESERVED_BYTES);
+
+/// Where the flash is read.
+const READ_AT: u32 = 0x1000_0000;
+
+/// Milliseconds that it takes at most to keep a mission that is signed: its bank is erased and
+/// written, and before it a table of records, three times if it is the first of all, and a half of
+/// its journal; reading it back, checking it and the slots that run meanwhile take as long again.
+///
+/// The data sheet of the W25Q16JV gives 400 ms for a sector and 3 ms for a page at most, 45 ms and
+/// 0.4 ms as a rule.
+pub const LONGEST_MS: u16 = {
+    const ERASE_US: u32 = 400_000;
+    const WRITE_US: u32 = 3_000;
+    const fn written_us(bytes: u32) -> u32 {
+        let bank_bytes = flash_store::bank_bytes(bytes, SECTOR_BYTES);
+        bank_bytes / SECTOR_BYTES * ERASE_US + bank_bytes / WRITE_BYTES as u32 * WRITE_US
+    }
+    let us =
+        written_us(settings::BLOB_BYTES as u32) + 4 * written_us(flash_store::RECORD_BYTES as u32);
+    let ms = 2 * us / 1_000;
+    assert!(ms <= u16::MAX as u32);
+    ms as u16
+};
+
+/// The flash, and what is kept in it.
+pub type BoardStore = FlashStore<'static, OnChip>;
+
+/// The memory of what the board keeps.
+pub struct StoreMemory {
+    keep: MaybeUninit<BoardStore>,
+    records: [u8; flash_store::RECORD_BYTES],
+}
+
+impl StoreMemory {
+    /// Memory that nothing uses yet.
+    #[allow(clippy::new_without_default, reason = "there is one, in a static")]
+    pub const fn new() -> Self {
+        StoreMemory {
+            keep: MaybeUninit::uninit(),
+            records: [0; flash_store::RECORD_BYTES],
+        }
+    }
+
+    /// Opens what is kept in the flash.
+    // Not inlined: the app's first function should not keep what this needs of the stack.
+    #[inline(never)]
+    pub fn open(
+        &'static mut self,
+        default_mission: Option<&'static [u8]>,
+    ) -> Option<&'static mut BoardStore> {
+        let blob_bytes = settings::BLOB_BYTES as u32;
+        let opened = FlashStore::open(OnChip(()), blob_bytes, default_mission, &mut self.records);
+        let keep = opened.ok()?.over_resets(crash::kept());
+        Some(self.keep.write(keep))
+    }
+}
+
+/// The part of the chip's flash that is the store's. The link alone has it.
+#[derive(Clone, Debug)]
+pub struct OnChip(());
+
+impl OnChip {
+    /// Does something to the flash, which cannot be read meanwhile.
+    fn change(&mut self, act: impl FnOnce()) {
+        // SAFETY: nothing is read from the flash between the first and the last of these: code,
+        // constants and vectors are in RAM, and the store, which alone reads it, is waiting here.
+        unsafe {
+            rom_data::connect_internal_flash();
+            rom_data::flash_exit_xip();
+            act();
+            rom_data::flash_flush_cache();
+            rom_data::flash_enter_cmd_xip();
+        }
+    }
+}
+
+impl ErrorType for OnChip {
+    type Error = NorFlashErrorKind;
+}
+
+impl ReadNorFlash for OnChip {
+    const READ_SIZE: usize = 1;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        check_read(&*self, offset, bytes.len())?;
+        let at = (READ_AT + START + offset) as *const u8;
+        // SAFETY: bytes of the flash, which are always there, and which nobody changes meanwhile:
+        // whoever could has `self`.
+        bytes.copy_from_slice(unsafe { slice::from_raw_parts(at, bytes.len()) });
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        BYTES as usize
+    }
+}
+
+impl NorFlash for OnChip {
+    const WRITE_SIZE: usize = WRITE_BYTES;
+    const ERASE_SIZE: usize = SECTOR_BYTES as usize;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        /// The flash's command for a sector of 4 KiB. Larger blocks have others, which are faster,
+        /// and no slot waits for either.
+        const ERASE_SECTOR: u8 = 0x20;
+        check_erase(&*self, from, to)?;
+        for sector in (from..to).step_by(SECTOR_BYTES as usize) {
+            self.change(|| {
+                // SAFETY: a sector of the store, between connecting the flash and reading it again.
+                unsafe {
+                    rom_data::flash_range_erase(
+                        START + sector,
+                        SECTOR_BYTES as usize,
+                        SECTOR_BYTES,
+                        ERASE_SECTOR,
+                    );
+                }
+            });
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        check_write(&*self, offset, bytes.len())?;
+        let mut at = offset;
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let in_page = at as usize % PAGE_BYTES;
+            let (part, behind) = rest.split_at(rest.len().min(PAGE_BYTES - in_page));
+            let mut page = [0xFF; PAGE_BYTES];
+            if let Some(place) = page.get_mut(in_page..in_page + part.len()) {
+                place.copy_from_slice(part);
+            }
+            self.change(|| {
+                // SAFETY: a page of the store, from RAM, between connecting the flash and reading
+                // it again.
+                unsafe {
+                    rom_data::flash_range_program(
+                        START + at - in_page as u32,
+                        page.as_ptr(),
+                        PAGE_BYTES,
+                    );
+                }
+            });
+            at += part.len() as u32;
+            rest = behind;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,190 @@
+//! The board Raspberry Pi Pico: an RP2040 with two Cortex-M0+ cores at 125 MHz, 264 KiB of RAM and
+//! 2 MiB of flash.
+//!
+//! The crate is what an RTIC app for this board is made of, and the app itself, as the macro
+//! [`app!`]: a robot's firmware is its registry of tasks and one line.
+//!
+//! ```ignore
+//! #![no_std]
+//! #![no_main]
+//!
+//! pico::app! {
+//!     firmware: "my robot 1.0",
+//!     robot: MyRobot = MyRobot::new,
+//!     default_mission: include_bytes!("../stand_by.blob"),
+//! }
+//! ```
+//!
+//! Who runs at which priority, highest first:
+//!
+//! | priority | interrupt | does |
+//! |---|---|---|
+//! | 4 | timer 0 | the real-time side: slots, interpreter, real-time tasks |
+//! | 3 | UART 0 | bytes between the wire and the queues; listens for stops |
+//! | 2 | SW 0 (no part has it; pended by software) | the link: requests, upload, trace and log streams |
+//! | 0 | none: the idle loop | background tasks; sleep |
+//!
+//! Each may interrupt those below it. A critical section masks everything but the slot timer
+//! ([`critical`]), so nothing delays a slot. The sides share nothing but queues with one reader and
+//! one writer. The watchdog has no interrupt of its own: it resets the chip ([`watchdog`]).
+//!
+//! All of this is core 0. Core 1 sleeps in the chip's boot ROM: what shares memory with the slots
+//! could make them wait, and there is nothing yet that needs a second core.
+//!
+//! All code runs from RAM (`pico.x`), so that slots go on while the [`flash`] is erased and
+//! written. Encoders and echoes are counted by the chip's PIO blocks, and no task waits for them:
+//! [`encoders`], [`sonars`].
+#![no_std]
+
+pub mod analog;
+pub mod clock;
+pub mod crash;
+pub mod critical;
+pub mod encoders;
+#[cfg(feature = "store")]
+pub mod flash;
+#[cfg(not(feature = "store"))]
+#[path = "no_flash.rs"]
+pub mod flash;
+pub mod line;
+pub mod motors;
+pub mod pins;
+pub mod slots;
+pub mod sonars;
+pub mod uart;
+pub mod watchdog;
+
+mod app;
+
+use cortex_m_board::stack;
+use esm_link::message::ResetReason;
+use rp2040_hal::clocks::{ClocksManager, init_clocks_and_plls};
+use rp2040_hal::gpio;
+use rp2040_hal::pac::{self, Peripherals};
+use rp2040_hal::sio::Sio;
+use rp2040_hal::vector_table::VectorTable;
+
+pub use pins::Parts;
+use slots::SlotBoard;
+
+#[doc(hidden)]
+pub use cortex_m_board::put;
+#[doc(hidden)]
+pub use {cortex_m, heapless, rp2040_hal, rt_firmware, rtic};
+
+/// Name of the board, as it tells it over the link.
+pub const NAME: &str = "pico";
+
+/// What `board.toml` says, as constants.
+pub mod settings {
+    include!(concat!(env!("OUT_DIR"), "/settings.rs"));
+}
+
+/// A runtime's memory, of this board's size.
+pub type Memory<'m> = rt_firmware::Memory<
+    'm,
+    { settings::BLOB_BYTES },
+    { settings::ARENA_WORDS },
+    { settings::SLOTS },
+    { settings::TASKS },
+    { settings::NETS },
+    { settings::EXCLUSIVE_GROUPS },
+    { settings::TRACE_BYTES },
+>;
+
+/// The second stage of the boot loader: how the flash of a Pico is read.
+#[unsafe(link_section = ".boot2")]
+#[unsafe(no_mangle)]
+#[used]
+static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;
+
+/// The crystal of a Pico.
+const CRYSTAL_HZ: u32 = 12_000_000;
+
+#[cfg(feature = "log")]
+defmt::timestamp!("{=u64:us}", clock::now_us());
+
+/// What the first code of the firmware finds out and makes.
+pub struct Start {
+    /// Why the firmware starts.
+    pub reset: ResetReason,
+    /// The board for the slot timer's handler.
+    pub board: SlotBoard,
+    /// The robot's pins.
+    pub parts: Parts,
+}
+
+/// Brings up stack paint, clocks, serial line and pins. To be called once, first of all, with
+/// interrupts off.
+///
+/// # Panics
+/// If it is called again, or the crystal does not swing.
+pub fn start(vectors: &'static mut VectorTable) -> Start {
+    stack::paint();
+    #[cfg(feature = "log")]
+    cortex_m_board::log::start(pac::Interrupt::TIMER_IRQ_0);
+    let Some(mut chip) = Peripherals::take() else {
+        panic!("the board is started once");
+    };
+    let reset = crash::take(&chip.VREG_AND_CHIP_RESET, &chip.WATCHDOG);
+    let mut ppb = chip.PPB;
+    vectors.init(&mut ppb);
+    // SAFETY: the table was just filled with the one that is in use.
+    unsafe { vectors.activate(&mut ppb) };
+    let mut watchdog = rp2040_hal::Watchdog::new(chip.WATCHDOG);
+    let clocks = init_clocks_and_plls(
+        CRYSTAL_HZ,
+        chip.XOSC,
+        chip.CLOCKS,
+        chip.PLL_SYS,
+        chip.PLL_USB,
+        &mut chip.RESETS,
+        &mut watchdog,
+    );
+    let Ok(clocks) = clocks else {
+        panic!("the crystal of {CRYSTAL_HZ} Hz does not swing");
+    };
+    clock::start(chip.TIMER, &mut chip.RESETS);
+    let sio = Sio::new(chip.SIO);
+    let pins = gpio::Pins::new(
+        chip.IO_BANK0,
+        chip.PADS_BANK0,
+        sio.gpio_bank0,
+        &mut chip.RESETS,
+    );
+    let (parts, led) = pins::Blocks {
+        pwm: chip.PWM,
+        pio0: chip.PIO0,
+        pio1: chip.PIO1,
+        adc: chip.ADC,
+        uart0: chip.UART0,
+    }
+    .into_parts(pins, peripheral_hz(&clocks), &mut chip.RESETS);
+    match reset {
+        ResetReason::Panic => {
+            let line = crash::kept().crash_report().0.line;
+            rt_firmware::error!("started again after a panic in line {=u32}", line)
+        }
+        ResetReason::CpuFault => {
+            let pc = crash::kept().crash_report().0.fault.pc;
+            rt_firmware::error!("started again after a fault at {=u32:#x}", pc)
+        }
+        ResetReason::Watchdog => {
+            rt_firmware::error!("started again by the watchdog: the slots had stopped")
+        }
+        ResetReason::BrownOut => rt_firmware::error!("started again: the supply voltage fell"),
+        ResetReason::PowerOn => rt_firmware::info!("power on"),
+        ResetReason::Pin | ResetReason::Software => rt_firmware::info!("reset"),
+    }
+    Start {
+        reset,
+        board: SlotBoard::new(watchdog, led),
+        parts,
+    }
+}
+
+/// The clock of the peripherals in hertz.
+fn peripheral_hz(clocks: &ClocksManager) -> u32 {
+    use rp2040_hal::Clock;
+    clocks.peripheral_clock.freq().to_Hz()
+}

@@ -1,0 +1,234 @@
+//! Sonars that answer a trigger with a pulse (HC-SR04 and its kind), timed by PIO: a state machine
+//! a sonar sends the trigger and measures its echo, to a microsecond, while nobody waits.
+//!
+//! A state machine executes two instructions a microsecond. There are four of them, and eight
+//! sonars: neighbours share one, since they hear each other and so never ping at once. Their echo
+//! outputs share its pin, too, each through a diode, or through an OR gate.
+
+use core::convert::Infallible;
+use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
+
+use embedded_hal::digital::{self, OutputPin};
+use pio::pio_asm;
+use pio::{
+    InstructionOperands, JmpCondition, MovDestination, MovOperation, MovSource, Program,
+    RP2040_MAX_PROGRAM_SIZE,
+};
+use rp2040_hal::pac::{PIO1, SIO, pio0};
+use rp2040_hal::pio::{
+    InstalledProgram, PIOBuilder, PinDir, StateMachineIndex, UninitStateMachine,
+};
+use rt_firmware::drivers::{EchoPulse, EchoTimer};
+
+/// State machines that time echoes.
+pub const MACHINES: usize = 4;
+
+/// The program: a word from the processor is a trigger. A data sheet asks for 10 µs of it at least
+/// (HC-SR04); it lasts 16 µs.
+pub(crate) fn program() -> Program<RP2040_MAX_PROGRAM_SIZE> {
+    pio_asm!(
+        ".wrap_target",
+        "    pull block",
+        "    set pins, 1 [31]",
+        "    set pins, 0",
+        "    wait 1 pin 0",
+        "    mov x, ~null",
+        "count:",
+        "    jmp pin high",
+        // What was counted is the complement: the counter went down from all ones.
+        "    mov isr, ~x",
+        "    push noblock",
+        ".wrap",
+        "high:",
+        "    jmp x-- count",
+    )
+    .program
+}
+
+/// The last trigger of each state machine: its number, and the pin that it went to. What was
+/// counted is the echo of no other.
+static PINGS: [AtomicU16; MACHINES] = [const { AtomicU16::new(0) }; MACHINES];
+
+/// A sonar, as the state machine that times it knows it.
+#[derive(Clone, Copy)]
+struct Timer {
+    /// Which state machine.
+    machine: u8,
+    /// Where its program begins.
+    program: u8,
+    trigger_pin: u8,
+    echo_pin: u8,
+}
+
+impl Timer {
+    fn registers() -> &'static pio0::RegisterBlock {
+        // SAFETY: the registers are there for the chip's whole life. A state machine's own are
+        // written by the trigger and the echo of its sonar alone, which one task has; those that
+        // all share are only read.
+        unsafe { &*PIO1::ptr() }
+    }
+
+    /// Lets the state machine do something out of turn. It takes effect within an instruction.
+    fn execute(self, what: InstructionOperands) {
+        // SAFETY: any instruction can be executed; these touch its registers and its FIFO.
+        (Self::registers().sm(self.machine.into()).sm_instr())
+            .write(|w| unsafe { w.bits(what.encode().into()) });
+    }
+
+    /// The next count of its FIFO.
+    fn read(self) -> Option<u32> {
+        let is_empty = Self::registers().fstat().read().rxempty().bits() >> self.machine & 1 != 0;
+        (!is_empty).then(|| Self::registers().rxf(self.machine.into()).read().bits())
+    }
+
+    /// Begins anew, wherever it was: a sonar that hangs keeps its echo pin at a level for ever.
+    fn ping(self) {
+        /// Counts that the FIFO holds.
+        const FIFO_COUNTS: usize = 4;
+        self.execute(InstructionOperands::JMP {
+            condition: JmpCondition::Always,
+            address: self.program,
+        });
+        for _ in 0..FIFO_COUNTS {
+            self.read();
+        }
+        // SAFETY: a pin that there is, and one of it.
+        (Self::registers().sm(self.machine.into()).sm_pinctrl())
+            .modify(|_, w| unsafe { w.set_base().bits(self.trigger_pin).set_count().bits(1) });
+        // SAFETY: any word is a trigger.
+        (Self::registers().txf(self.machine.into())).write(|w| unsafe { w.bits(1) });
+    }
+
+    fn is_echo_high(self) -> bool {
+        // SAFETY: the register is there for the chip's whole life, and is read.
+        let levels = unsafe { (*SIO::ptr()).gpio_in().read().bits() };
+        levels >> self.echo_pin & 1 != 0
+    }
+
+    /// How long the echo pin has been high so far, in microseconds. Only while it is.
+    fn so_far(self) -> Option<u32> {
+        /// Looks at the FIFO that are many more than two instructions last.
+        const LOOKS: usize = 100;
+        // The program uses the shift register only where it is done counting.
+        self.execute(InstructionOperands::MOV {
+            destination: MovDestination::ISR,
+            op: MovOperation::Invert,
+            source: MovSource::X,
+        });
+        self.execute(InstructionOperands::PUSH {
+            if_full: false,
+            block: false,
+        });
+        (0..LOOKS).find_map(|_| self.read())
+    }
+}
+
+/// The trigger of a sonar: a high sends it.
+pub struct Trigger(Timer);
+
+/// What the echo pin of a sonar does.
+pub struct Echo {
+    timer: Timer,
+    /// Trigger that `over_us` belongs to.
+    ping: u16,
+    over_us: Option<u16>,
+}
+
+/// A state machine for two sonars, and its echo pin.
+#[derive(Clone, Copy)]
+pub(crate) struct EchoMachine {
+    machine: u8,
+    program: u8,
+    echo_pin: u8,
+}
+
+impl EchoMachine {
+    /// Starts the state machine.
+    pub(crate) fn new<SM: StateMachineIndex>(
+        program: InstalledProgram<PIO1>,
+        machine: UninitStateMachine<(PIO1, SM)>,
+        trigger_pins: [u8; 2],
+        echo_pin: u8,
+        divisor: (u16, u8),
+    ) -> Self {
+        let started = Self {
+            machine: SM::id() as u8,
+            program: program.offset(),
+            echo_pin,
+        };
+        let (mut machine, ..) = PIOBuilder::from_installed_program(program)
+            .in_pin_base(echo_pin)
+            .jmp_pin(echo_pin)
+            .clock_divisor_fixed_point(divisor.0, divisor.1)
+            .build(machine);
+        machine.set_pindirs(trigger_pins.map(|pin| (pin, PinDir::Output)));
+        machine.start();
+        started
+    }
+
+    /// The sonar whose trigger is at this pin.
+    pub(crate) fn sonar(self, trigger_pin: u8) -> (Trigger, Echo) {
+        let timer = Timer {
+            machine: self.machine,
+            program: self.program,
+            trigger_pin,
+            echo_pin: self.echo_pin,
+        };
+        let echo = Echo {
+            timer,
+            ping: 0,
+            over_us: None,
+        };
+        (Trigger(timer), echo)
+    }
+}
+
+impl digital::ErrorType for Trigger {
+    type Error = Infallible;
+}
+
+impl OutputPin for Trigger {
+    /// The state machine ends the trigger by itself.
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        let timer = self.0;
+        if let Some(ping) = PINGS.get(usize::from(timer.machine)) {
+            timer.ping();
+            // One task has all sonars, so load and store suffice.
+            let number = (ping.load(Relaxed) >> u8::BITS).wrapping_add(1);
+            ping.store(number << u8::BITS | u16::from(timer.trigger_pin), Relaxed);
+        }
+        Ok(())
+    }
+}
+
+impl EchoTimer for Echo {
+    fn pulse(&mut self) -> EchoPulse {
+        let timer = self.timer;
+        let ping = PINGS.get(usize::from(timer.machine));
+        let ping = ping.map_or(0, |ping| ping.load(Relaxed));
+        if ping != self.ping {
+            self.ping = ping;
+            self.over_us = None;
+        }
+        if ping & u16::from(u8::MAX) != u16::from(timer.trigger_pin) {
+            return EchoPulse::None;
+        }
+        let us = |count: u32| u16::try_from(count).unwrap_or(u16::MAX);
+        if let Some(count) = timer.read() {
+            self.over_us = Some(us(count));
+        }
+        if let Some(us) = self.over_us {
+            return EchoPulse::Over { us };
+        }
+        if timer.is_echo_high()
+            && let Some(count) = timer.so_far()
+        {
+            return EchoPulse::High { us: us(count) };
+        }
+        EchoPulse::None
+    }
+}

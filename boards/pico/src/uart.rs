@@ -1,0 +1,77 @@
+//! UART 0, a serial line of the link: 115,200 baud, 8 bits, no parity, on GP0 (TX) and GP1 (RX).
+//!
+//! [`line`](crate::line) has the queues around it.
+
+use cortex_m_board::line::Wire;
+use rp2040_hal::pac::{RESETS, UART0, uart0};
+
+/// Speed of the line in baud.
+pub const BAUD: u32 = 115_200;
+
+/// The UART, for its interrupt handler.
+pub struct Uart0 {
+    uart: UART0,
+}
+
+impl Uart0 {
+    /// Starts the UART, with the interrupt of received bytes on.
+    pub(crate) fn new(uart: UART0, peripheral_hz: u32, resets: &mut RESETS) -> Self {
+        resets.reset().modify(|_, w| w.uart0().clear_bit());
+        while resets.reset_done().read().uart0().bit_is_clear() {}
+        // The divisor in 64ths: clock / (16 × baud), rounded.
+        let divisor_64ths = (peripheral_hz * 4 + BAUD / 2) / BAUD;
+        // SAFETY: a divisor of 16 bits, and 64ths of 6 bits, as the registers take them.
+        unsafe {
+            (uart.uartibrd()).write(|w| w.baud_divint().bits((divisor_64ths / 64) as u16));
+            (uart.uartfbrd()).write(|w| w.baud_divfrac().bits((divisor_64ths % 64) as u8));
+        }
+        const EIGHT_BITS: u8 = 0b11;
+        // SAFETY: two bits.
+        (uart.uartlcr_h()).write(|w| unsafe { w.wlen().bits(EIGHT_BITS).fen().set_bit() });
+        let mut started = Self { uart };
+        started.want_sent(false);
+        (started.uart.uartcr()).write(|w| w.uarten().set_bit().txe().set_bit().rxe().set_bit());
+        started
+    }
+
+    fn flags(&self) -> uart0::uartfr::R {
+        self.uart.uartfr().read()
+    }
+}
+
+impl Wire for Uart0 {
+    const FIFO_BYTES: usize = 32;
+
+    fn acknowledge(&mut self) {
+        (self.uart.uarticr()).write(|w| {
+            (w.rxic().clear_bit_by_one().rtic().clear_bit_by_one())
+                .txic()
+                .clear_bit_by_one()
+        });
+    }
+
+    fn has_received(&mut self) -> bool {
+        self.flags().rxfe().bit_is_clear()
+    }
+
+    fn receive(&mut self) -> Option<u8> {
+        if !self.has_received() {
+            return None;
+        }
+        // The bits above the byte tell of line errors, which the link's checksum finds as well.
+        Some(self.uart.uartdr().read().data().bits())
+    }
+
+    fn can_send(&mut self) -> bool {
+        self.flags().txff().bit_is_clear()
+    }
+
+    fn send(&mut self, byte: u8) {
+        // SAFETY: any byte can be sent.
+        (self.uart.uartdr()).write(|w| unsafe { w.data().bits(byte) });
+    }
+
+    fn want_sent(&mut self, sent: bool) {
+        (self.uart.uartimsc()).write(|w| w.rxim().set_bit().rtim().set_bit().txim().bit(sent));
+    }
+}
