@@ -87,10 +87,13 @@ fn board(file: &Path, settings: &Settings) -> String {
     // Values are written as in Rust.
     let _ = write!(
         item,
-        " }}, firmware: Some(Firmware {{ target: {}, bin: {}, runner: {} }}), interpreter: ",
+        " }}, firmware: Some(Firmware {{ target: {}, bin: {}, runner: {}, flash: Flash {{ origin: {}, bytes: {}, erase_bytes: {} }} }}), interpreter: ",
         value("", "target"),
         value("", "firmware"),
-        value("runner", "command")
+        value("runner", "command"),
+        value("flash", "origin"),
+        value("flash", "bytes"),
+        value("flash", "erase_bytes")
     );
     let costs = file.with_file_name("costs.txt");
     println!("cargo:rerun-if-changed={}", costs.display());

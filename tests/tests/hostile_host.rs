@@ -223,9 +223,7 @@ fn pass_over_answers(line: &mut impl ByteLink) {
 #[test]
 fn a_host_without_the_key_gets_nowhere_and_costs_no_slot() {
     let seconds = environment::number("ESM_HOSTILE_SECONDS", 10);
-    let board = Board::Emulated {
-        firmware: firmware("rover"),
-    };
+    let board = Board::emulated(firmware("rover"));
     let world = load_world(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
     let plant = PlantSide::new(plant, Pace::new(true), None);

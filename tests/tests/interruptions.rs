@@ -519,9 +519,7 @@ fn whatever_befalls_the_command_the_emulated_board_drives_on_too() {
     let rounds = environment::number("ESM_BOARD_INTERRUPTIONS", 4);
     let seed = environment::number("ESM_SEED", 0);
     let _ = esm_binary();
-    let board = Board::Emulated {
-        firmware: firmware("rover"),
-    };
+    let board = Board::emulated(firmware("rover"));
     let starting = command::starting();
     let (mut board, line) = RunningBoard::start(board, &in_a_cell(), None, LinkWay::Uart).unwrap();
     drop(starting);

@@ -315,9 +315,7 @@ fn patrol_by(way: LinkWay, pace: Arc<Pace>) -> Robot {
 }
 
 fn robot_by(name: &str, mission: &[u8], way: LinkWay, pace: Arc<Pace>) -> Robot {
-    let board = Board::Emulated {
-        firmware: firmware(name),
-    };
+    let board = Board::emulated(firmware(name));
     let world = load_world(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
     let plant = PlantSide::new(plant, pace, None);
@@ -567,9 +565,7 @@ fn watched_robot() -> (Emulator, Crowded, Arc<Mutex<Motors>>) {
     let world = load_world(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
     let plant = PlantSide::new(plant, Pace::new(false), None);
-    let board = Board::Emulated {
-        firmware: firmware("rover"),
-    };
+    let board = Board::emulated(firmware("rover"));
     let flash = plant.flash(board.flash_bytes());
     let motors: Arc<Mutex<Motors>> = Arc::default();
     let seen = Arc::clone(&motors);

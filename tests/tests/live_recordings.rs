@@ -296,9 +296,7 @@ fn on_the_host() -> Board {
 }
 
 fn in_the_emulator() -> Board {
-    Board::Emulated {
-        firmware: firmware("rover"),
-    }
+    Board::emulated(firmware("rover"))
 }
 
 /// What a host does with a robot that it records.

@@ -121,9 +121,7 @@ fn started(board: &str) -> (RunningBoard, PlantSide, Box<dyn ByteLink>) {
     let plant = Plant::new(world, BodyParameters::default(), 3).unwrap();
     let plant = PlantSide::new(plant, Pace::new(false), None);
     let board = match board {
-        boards::DEFAULT => Board::Emulated {
-            firmware: firmware("rover"),
-        },
+        boards::DEFAULT => Board::emulated(firmware("rover")),
         _ => Board::Host {
             robot: host_board::rover,
         },

@@ -36,9 +36,7 @@ fn sampled(board: &str) {
     let plant = Plant::new(world, BodyParameters::default(), 3).unwrap();
     let plant = PlantSide::new(plant, Pace::new(false), None);
     let place = match board {
-        boards::DEFAULT => Board::Emulated {
-            firmware: firmware("rover"),
-        },
+        boards::DEFAULT => Board::emulated(firmware("rover")),
         _ => Board::Host {
             robot: host_board::rover,
         },

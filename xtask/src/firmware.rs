@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::process::{self, Failure, make_folder};
-use crate::setup::{BOARD_TARGET, Toolchain};
+use crate::setup::{self, BOARD_TARGET, Toolchain};
 
 /// The default board: nothing else outside of `boards/` names one, but `memory.x`.
 macro_rules! default_board {
@@ -42,8 +42,12 @@ pub const LEAN: &str = "lean";
 /// The profile of the programs that the interpreter's size is measured with.
 pub const SIZE: &str = "size";
 
-/// Where finished firmware goes, below the checkout.
-const FIRMWARE_FOLDER: &str = concat!("target/firmware/", default_board!());
+/// The default board.
+pub const DEFAULT_BOARD: &str = default_board!();
+
+/// Where the finished firmware of each board goes, in a folder of the board's name, below the
+/// checkout.
+const FIRMWARE_FOLDER: &str = "target/firmware";
 
 /// The default firmware without its features, below the checkout.
 pub const LEAN_FILE: &str = concat!("target/firmware/", default_board!(), "/rover-lean.elf");
@@ -63,7 +67,56 @@ pub fn build(
     bins: &[String],
 ) -> Result<Vec<PathBuf>, Failure> {
     let folder = root.join(BOARD_FOLDER);
-    build_in(root, &folder, toolchain, profile, bins, Features::Default)
+    build_in(
+        root,
+        &folder,
+        DEFAULT,
+        toolchain,
+        profile,
+        bins,
+        Features::Default,
+    )
+}
+
+/// Builds `bins` for the board of that name; returns where each ELF file is.
+///
+/// # Errors
+/// [`Failure`]: there is no such board, or what did not build.
+pub fn build_for(
+    root: &Path,
+    board: &str,
+    toolchain: &Toolchain,
+    bins: &[String],
+) -> Result<Vec<PathBuf>, Failure> {
+    let folder = root.join("boards").join(board);
+    let target = setting(&folder, "target")?;
+    if target != BOARD_TARGET {
+        setup::small_target(toolchain)?;
+    }
+    let for_board = Board {
+        name: board,
+        target: &target,
+    };
+    let features = Features::Default;
+    build_in(root, &folder, for_board, toolchain, RELEASE, bins, features)
+}
+
+/// A text of a board's `board.toml`.
+fn setting(folder: &Path, key: &str) -> Result<String, Failure> {
+    let file = folder.join("board.toml");
+    let Ok(text) = std::fs::read_to_string(&file) else {
+        return Err(Failure::Usage(format!(
+            "there is no board {}: boards/ has a folder for each",
+            folder.file_name().unwrap_or_default().display()
+        )));
+    };
+    let values = text.lines().filter_map(|line| line.split_once(" = "));
+    let found = values.clone().find(|(name, _)| *name == key);
+    let (_, value) = found.ok_or(Failure::Content {
+        path: file,
+        problem: "lacks a setting that every board has",
+    })?;
+    Ok(value.trim_matches('"').to_owned())
 }
 
 /// Builds the board's default firmware without its features; returns where its ELF file is.
@@ -74,6 +127,7 @@ pub fn build_lean(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>, Fa
     build_in(
         root,
         &root.join(BOARD_FOLDER),
+        DEFAULT,
         toolchain,
         LEAN,
         &[DEFAULT_BIN.to_owned()],
@@ -108,7 +162,15 @@ pub fn build_robot(
             problem: "is no robot: it has no firmware/Cargo.toml, as examples/my_robot has",
         });
     }
-    build_in(root, &folder, toolchain, RELEASE, bins, Features::Default)
+    build_in(
+        root,
+        &folder,
+        DEFAULT,
+        toolchain,
+        RELEASE,
+        bins,
+        Features::Default,
+    )
 }
 
 /// Runs clippy on the crate in `folder` with warnings as errors.
@@ -141,9 +203,23 @@ impl Features {
     }
 }
 
+/// What a firmware is built for.
+#[derive(Clone, Copy)]
+struct Board<'a> {
+    name: &'a str,
+    target: &'a str,
+}
+
+/// The default board.
+const DEFAULT: Board<'static> = Board {
+    name: DEFAULT_BOARD,
+    target: BOARD_TARGET,
+};
+
 fn build_in(
     root: &Path,
     folder: &Path,
+    board: Board<'_>,
     toolchain: &Toolchain,
     profile: &str,
     bins: &[String],
@@ -168,11 +244,11 @@ fn build_in(
         cargo.args(["--bin", bin]);
     }
     process::run(&mut cargo)?;
-    let to = root.join(FIRMWARE_FOLDER);
+    let to = root.join(FIRMWARE_FOLDER).join(board.name);
     make_folder(&to)?;
     let mut files = Vec::new();
     for bin in bins {
-        let built = build_folder.join(BOARD_TARGET).join(profile).join(bin);
+        let built = build_folder.join(board.target).join(profile).join(bin);
         let name = format!("{bin}{}.elf", features.suffix());
         let file = to.join(&name);
         // Renamed into place, so that an emulator that loads it just now gets a whole one.

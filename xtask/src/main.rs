@@ -41,7 +41,8 @@ Commands:
   bench      Measure and print tables: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with what has been
              promised of it; `bench --help` tells its options, and what else can be measured (machines, interpreters, schedule, dispatch, day, idle, link, record, walk, bound)
   fuzz       Look for inputs that go wrong, with libFuzzer: each TARGET, or all of fuzz/fuzz_targets, one after another
-  firmware   Build the board's firmware to target/firmware/BOARD/<BIN>.elf
+  firmware   Build a board's firmware to target/firmware/BOARD/<BIN>.elf
+  emulator   Install the emulator of a board's chip below target/emulators, and say what was done
   size       Print flash and RAM of the firmware, part by part, and what missions take, and compare them with boards/BOARD/expected-size.txt
   mutants    Make small changes for the worse, those in tests/mutants, and see whether a test notices: each TARGET, or all of them
   form       Look for lines that are too wide, in .rs and .md files, as `test checks` does
@@ -51,6 +52,7 @@ Options:
   --toolchain <rustup|debian|auto>   Which compiler builds firmware (also ESM_TOOLCHAIN) [default: auto]:
                                      rustup's with its target installed, or Debian's, which builds the core library from source
   --bin <NAME>                       firmware: what to build, may be repeated [default: rover]
+  --board <NAME>                     firmware, emulator: the board, one of those in boards/ [default: that of QEMU]
   --example                          firmware: build examples/my_robot instead
   --robot <FOLDER>                   firmware: build the robot in FOLDER, a copy of examples/my_robot; with --bin if its program has another name than my_robot
   --lean                             firmware: build the default firmware without its features, to rover-lean.elf
@@ -65,6 +67,7 @@ Options:
 struct Options {
     toolchain: Option<Choice>,
     bins: Vec<String>,
+    board: Option<String>,
     example: bool,
     robot: Option<PathBuf>,
     lean: bool,
@@ -122,6 +125,7 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure
         match name.as_str() {
             "--toolchain" => options.toolchain = Some(Choice::from_name(&value()?)?),
             "--bin" => options.bins.push(value()?),
+            "--board" => options.board = Some(value()?),
             "--example" => options.example = true,
             "--robot" => options.robot = Some(value()?.into()),
             "--lean" => options.lean = true,
@@ -186,8 +190,15 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             } else {
                 &options.bins
             };
+            if let Some(board) = &options.board {
+                return firmware::build_for(&root, board, &toolchain, bins).map(print_files);
+            }
             firmware::build(&root, &toolchain, firmware::RELEASE, bins).map(print_files)
         }
+        "emulator" => match options.board.as_deref() {
+            None | Some(firmware::DEFAULT_BOARD) => setup::emulator(),
+            Some(board) => python::emulator(&root, board),
+        },
         "size" => size::command(&root, &setup::toolchain(choice)?, options.write),
         "test" => test::command(
             &root,

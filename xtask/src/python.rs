@@ -1,4 +1,5 @@
-//! The client of the link in Python: its tests, in an environment of their own.
+//! What is in Python, in environments of its own: the client of the link with its tests, and
+//! emulators of chips.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -12,6 +13,9 @@ const CLIENT_FOLDER: &str = "clients/python";
 const ENVIRONMENT_FOLDER: &str = "target/python";
 /// The mission that is uploaded.
 const MISSION: &str = "missions/patrol.esm";
+
+/// Where emulators are installed, each in a folder of its board's name.
+const EMULATORS_FOLDER: &str = "target/emulators";
 
 /// How long the environment may take to be made, and the tests to run.
 const SET_UP_LIMIT: Duration = Duration::from_secs(600);
@@ -65,6 +69,45 @@ pub fn test(root: &Path, python: &Path, esm: &Path) -> Result<(), Failure> {
             .env("ESM_BINARY", esm)
             .env("ESM_LINK_BLOB", &blob),
     )
+}
+
+/// Installs the emulator of a board's chip: what its `emulator/requirements.txt` names, into an
+/// environment of its own.
+///
+/// # Errors
+/// There is none for this board, or no Python; or what did not work, or took too long.
+pub fn emulator(root: &Path, board: &str) -> Result<(), Failure> {
+    let requirements = root.join(format!("boards/{board}/emulator/requirements.txt"));
+    let Ok(wanted) = std::fs::read_to_string(&requirements) else {
+        return Err(Failure::Usage(format!(
+            "the board {board} has no emulator of its own: there is no boards/{board}/emulator"
+        )));
+    };
+    let environment = root.join(EMULATORS_FOLDER).join(board);
+    // What was installed last, so that nothing is asked of the network again.
+    let mark = environment.join("requirements.txt");
+    if std::fs::read_to_string(&mark).is_ok_and(|installed| installed == wanted) {
+        eprintln!("Emulator of {board}: {}", environment.display());
+        return Ok(());
+    }
+    let python = find().ok_or_else(|| Failure::Missing {
+        what: "python3 with venv, for the emulator".into(),
+        command: "apt-get install python3-venv".into(),
+    })?;
+    within(
+        SET_UP_LIMIT,
+        command(&python).args(["-m", "venv"]).arg(&environment),
+    )?;
+    within(
+        SET_UP_LIMIT,
+        command(environment.join("bin/python"))
+            .args(["-m", "pip", "install", "--quiet"])
+            .args(["--disable-pip-version-check", "--requirement"])
+            .arg(&requirements),
+    )?;
+    std::fs::write(&mark, wanted).map_err(|cause| Failure::File { path: mark, cause })?;
+    eprintln!("Emulator of {board}: {}", environment.display());
+    Ok(())
 }
 
 /// The package with what it needs for robots that have a key.

@@ -130,6 +130,7 @@ impl Toolchain {
                 cargo
                     .env("RUSTC_BOOTSTRAP", "1")
                     .env("RUSTC", DEBIAN_RUSTC)
+                    .env("CARGO_TARGET_THUMBV6M_NONE_EABI_LINKER", linker)
                     .env("CARGO_TARGET_THUMBV7M_NONE_EABI_LINKER", linker)
                     .env("CARGO_TARGET_THUMBV7EM_NONE_EABI_LINKER", linker)
                     .env_remove("RUSTUP_TOOLCHAIN")

@@ -395,6 +395,44 @@ impl Flash {
     }
 }
 
+/// The same cells, as a flash that erases so many bytes at once.
+#[derive(Clone)]
+pub struct InSectors<const BYTES: usize>(pub Flash);
+
+impl<const BYTES: usize> InSectors<BYTES> {
+    /// What is erased at once.
+    pub const BYTES: u32 = BYTES as u32;
+}
+
+impl<const BYTES: usize> ErrorType for InSectors<BYTES> {
+    type Error = NorFlashErrorKind;
+}
+
+impl<const BYTES: usize> ReadNorFlash for InSectors<BYTES> {
+    const READ_SIZE: usize = Flash::READ_SIZE;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
+        self.0.read(offset, bytes)
+    }
+
+    fn capacity(&self) -> usize {
+        self.0.capacity()
+    }
+}
+
+impl<const BYTES: usize> NorFlash for InSectors<BYTES> {
+    const WRITE_SIZE: usize = Flash::WRITE_SIZE;
+    const ERASE_SIZE: usize = BYTES;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        self.0.erase(from, to)
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        self.0.write(offset, bytes)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -11,6 +11,7 @@ use super::console::Console;
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience, BLOB_MARK};
+use crate::boards;
 use crate::compile::NameTable;
 use crate::files;
 use crate::files::MAX_BLOB_BYTES;
@@ -60,19 +61,13 @@ pub fn board(
     robot: RobotMaker,
     console: &mut Console,
 ) -> Result<Board, CommandError> {
-    match name {
-        host_board::BOARD => Ok(Board::Host { robot }),
-        firmware::BOARD => {
-            let found = find_firmware(named_firmware, console)?;
-            firmware::check(&found)?;
-            Ok(Board::Emulated { firmware: found })
-        }
-        other => Err(CommandError::Usage(anyhow!(
-            "there is no board `{other}`; the boards are `{}` and `{}`",
-            firmware::BOARD,
-            host_board::BOARD
-        ))),
+    if name == host_board::BOARD {
+        return Ok(Board::Host { robot });
     }
+    let board = boards::find(name).map_err(|unknown| CommandError::Usage(unknown.into()))?;
+    let firmware = find_firmware_of(board, named_firmware, console)?;
+    firmware::check(board, &firmware)?;
+    Ok(Board::Emulated { board, firmware })
 }
 
 /// The flash that a board's robot has, if it is to be a file.
@@ -87,20 +82,30 @@ pub fn flash(path: Option<&Path>, board: &Board) -> Result<Option<Flash>, Comman
     })
 }
 
-/// The emulated board's firmware: the named one, or that of the checkout, which is built if need
-/// be.
+/// The default board's firmware: the named one, or that of the checkout, which is built if need be.
 ///
 /// # Errors
 /// If there is none.
 pub fn find_firmware(named: Option<&Path>, console: &mut Console) -> Result<PathBuf, CommandError> {
+    let board = boards::find(boards::DEFAULT);
+    let board = board.map_err(|unknown| CommandError::Usage(unknown.into()))?;
+    find_firmware_of(board, named, console)
+}
+
+fn find_firmware_of(
+    board: &boards::Board,
+    named: Option<&Path>,
+    console: &mut Console,
+) -> Result<PathBuf, CommandError> {
     let here = std::env::current_dir()?;
-    Ok(firmware::find(named, &here, |told| console.note(told))?)
+    let tell = |told: &str| console.note(told);
+    Ok(firmware::find(board, named, &here, tell)?)
 }
 
 impl From<FirmwareError> for CommandError {
     fn from(error: FirmwareError) -> Self {
         match error {
-            FirmwareError::NoCheckout | FirmwareError::Build { .. } => {
+            FirmwareError::NoCheckout { .. } | FirmwareError::Build { .. } => {
                 CommandError::World(error.into())
             }
             FirmwareError::Missing { .. }

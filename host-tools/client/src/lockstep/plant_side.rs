@@ -3,11 +3,11 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use rt_firmware::body::{Reply, Request};
+use rt_firmware::body::{Reply, Request, SONARS};
 
 use super::pace::Pace;
 use crate::flash::Flash;
-use esm_toolkit::plant::{Plant, SonarFault};
+use esm_toolkit::plant::{Plant, Pulse, SonarFault};
 
 /// A sonar that breaks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -139,6 +139,11 @@ impl PlantSide {
             shared.last_reply.sensors.stop_is_low = request.start_us >= robot_us;
         }
         shared.last_reply
+    }
+
+    /// What the sonars answer to their last triggers.
+    pub fn pulses(&self) -> [Option<Pulse>; SONARS] {
+        self.lock().plant.pulses()
     }
 
     /// The plant at the end of the time of interest, or as it is where that has not come yet.

@@ -12,39 +12,48 @@ use thiserror::Error;
 
 use crate::files::{self, MAX_FIRMWARE_BYTES};
 
-/// The board that runs in the emulator.
+/// The board that runs in the emulator where none is named.
 pub const BOARD: &str = boards::DEFAULT;
-
-/// Flash of that board, from address 0 on: as `memory.x` has it.
-const FLASH_BYTES: u64 = 256 << 10;
 
 /// Where `cargo xtask firmware` puts what it builds, below the checkout.
 const FIRMWARE_FOLDER: &str = "target/firmware";
 
-/// What is known of that board's firmware.
-pub(super) fn about() -> boards::Firmware {
-    let board = boards::find(BOARD).ok();
-    (board.and_then(|board| board.firmware)).unwrap_or(boards::Firmware {
+/// What is known of a board's firmware; of the host board's, nothing.
+pub(crate) fn about(board: &boards::Board) -> boards::Firmware {
+    board.firmware.unwrap_or(boards::Firmware {
         target: "",
         bin: "",
         runner: "",
+        flash: boards::Flash {
+            origin: 0,
+            bytes: 0,
+            erase_bytes: 1,
+        },
     })
 }
 
-/// Where the default firmware is, below the checkout.
-fn built_firmware() -> String {
-    format!("{FIRMWARE_FOLDER}/{BOARD}/{}.elf", about().bin)
+/// What builds a board's firmware.
+fn builder(board: &boards::Board) -> String {
+    match board.name {
+        BOARD => "cargo xtask firmware".to_owned(),
+        name => format!("cargo xtask firmware --board {name}"),
+    }
 }
 
-/// The default firmware as cargo built it, below the checkout.
-fn made() -> String {
-    let boards::Firmware { target, bin, .. } = about();
+/// Where a board's default firmware is, below the checkout.
+fn built_firmware(board: &boards::Board) -> String {
+    format!("{FIRMWARE_FOLDER}/{}/{}.elf", board.name, about(board).bin)
+}
+
+/// A board's default firmware as cargo built it, below the checkout.
+fn made(board: &boards::Board) -> String {
+    let boards::Firmware { target, bin, .. } = about(board);
     format!("target/firmware-build/{target}/release/{bin}")
 }
 
 /// Where cargo says which files it is made of.
-fn made_of() -> String {
-    made() + ".d"
+fn made_of(board: &boards::Board) -> String {
+    made(board) + ".d"
 }
 
 /// What a checkout has at its top and nobody else does.
@@ -71,7 +80,7 @@ pub enum FirmwareError {
     },
     /// The file is no program for a microcontroller, or ends before its end.
     #[error(
-        "{} is no firmware: it cannot be read as a whole ELF file for a 32-bit processor ({cause}); `cargo xtask firmware` builds one",
+        "{} is no firmware: it cannot be read as a whole ELF file for a 32-bit processor ({cause}); `{builder}` builds one",
         path.display()
     )]
     NotElf {
@@ -79,52 +88,76 @@ pub enum FirmwareError {
         path: PathBuf,
         /// What is wrong with it.
         cause: object::Error,
+        /// The command that builds one.
+        builder: String,
     },
     /// The file ends before what is to be loaded of it.
-    #[error("the firmware {} is cut off before its end: build it again with `cargo xtask firmware`", path.display())]
+    #[error("the firmware {} is cut off before its end: build it again with `{builder}`", path.display())]
     Cut {
         /// The file.
         path: PathBuf,
+        /// The command that builds one.
+        builder: String,
     },
     /// It was built for another processor.
     #[error(
-        "the firmware {} was built for another processor than the board {BOARD} has, a Cortex-M3; `cargo xtask firmware` builds one for it",
+        "the firmware {} was built for another processor than the board {board} has, a Cortex-M; `{builder}` builds one for it",
         path.display()
     )]
     OtherProcessor {
         /// The file.
         path: PathBuf,
+        /// The board.
+        board: &'static str,
+        /// The command that builds one.
+        builder: String,
     },
     /// Something of it stands where this board has no flash, or nothing where it starts.
     #[error(
-        "the firmware {} was built for another board than {BOARD}: it does not fit into {} KiB of flash from address 0 on; `cargo xtask firmware` builds one that does",
+        "the firmware {} was built for another board than {board}: it does not fit into {} KiB of flash from address {:#x} on; `{builder}` builds one that does",
         path.display(),
-        FLASH_BYTES >> 10
+        flash.bytes >> 10,
+        flash.origin
     )]
     OtherBoard {
         /// The file.
         path: PathBuf,
+        /// The board.
+        board: &'static str,
+        /// Its flash.
+        flash: boards::Flash,
+        /// The command that builds one.
+        builder: String,
     },
     /// This is no checkout, so nothing can be built.
     #[error(
-        "no firmware for the board {BOARD}: drive on the host with `--board host`; or name a firmware with --firmware ELF or ESM_FIRMWARE; or run esm inside a checkout, where `cargo xtask firmware` builds it, and with `--robot FOLDER` that of a robot of your own"
+        "no firmware for the board {board}: drive on the host with `--board host`; or name a firmware with --firmware ELF or ESM_FIRMWARE; or run esm inside a checkout, where `{builder}` builds it, and with `--robot FOLDER` that of a robot of your own"
     )]
-    NoCheckout,
+    NoCheckout {
+        /// The board.
+        board: &'static str,
+        /// The command that builds one.
+        builder: String,
+    },
     /// Building failed.
-    #[error("the firmware does not build; run `cargo xtask firmware` in {} to see why", checkout.display())]
+    #[error("the firmware does not build; run `{builder}` in {} to see why", checkout.display())]
     Build {
         /// The checkout.
         checkout: PathBuf,
+        /// The command that builds it.
+        builder: String,
     },
 }
 
-/// The firmware's file: `named` if there is one, else what the checkout around `from` has built.
+/// The file of a board's firmware: `named` if there is one, else what the checkout around `from`
+/// has built.
 /// `tell` is told what is about to be built, before that takes its minutes, or that what was built
 /// is older than its sources.
 ///
 /// # Errors
 /// [`FirmwareError`]: what is missing, and what to do.
 pub fn find(
+    board: &boards::Board,
     named: Option<&Path>,
     from: &Path,
     tell: impl FnOnce(&str),
@@ -139,44 +172,66 @@ pub fn find(
             Err(cause) => Err(FirmwareError::Unreadable { path, cause }),
         };
     }
-    let checkout = checkout_around(from).ok_or(FirmwareError::NoCheckout)?;
-    let built = built_firmware();
+    let builder = builder(board);
+    let checkout = checkout_around(from).ok_or_else(|| FirmwareError::NoCheckout {
+        board: board.name,
+        builder: builder.clone(),
+    })?;
+    let built = built_firmware(board);
     let path = checkout.join(&built);
     if path.is_file() {
-        if let Some(source) = newer_source(&checkout, &path) {
+        if let Some(source) = newer_source(board, &checkout, &path) {
             tell(&format!(
-                "The firmware {built} is older than {}: `cargo xtask firmware` builds it anew",
+                "The firmware {built} is older than {}: `{builder}` builds it anew",
                 source.display()
             ));
         }
         return Ok(path);
     }
-    tell(
-        "No firmware yet: building it with `cargo xtask firmware` (some minutes the first time) …",
-    );
-    let built = Command::new("cargo")
-        .args(["xtask", "firmware"])
+    tell(&format!(
+        "No firmware yet: building it with `{builder}` (some minutes the first time) …"
+    ));
+    let mut words = builder.split_whitespace();
+    let built = Command::new(words.next().unwrap_or_default())
+        .args(words)
         .current_dir(&checkout)
         .status();
     match built {
         Ok(status) if status.success() && path.is_file() => Ok(path),
-        _ => Err(FirmwareError::Build { checkout }),
+        _ => Err(FirmwareError::Build { checkout, builder }),
     }
 }
 
-/// Fails where a file is no firmware that the emulated board could start.
+/// Fails where a file is no firmware that a board could start.
 ///
 /// # Errors
 /// [`FirmwareError`]: what is wrong with the file.
-pub fn check(path: &Path) -> Result<(), FirmwareError> {
+pub fn check(board: &'static boards::Board, path: &Path) -> Result<(), FirmwareError> {
     let at = || path.to_owned();
     let bytes = files::read(path, MAX_FIRMWARE_BYTES)
         .map_err(|cause| FirmwareError::Unreadable { path: at(), cause })?;
     let elf = ElfFile32::<Endianness>::parse(bytes.as_slice());
-    let elf = elf.map_err(|cause| FirmwareError::NotElf { path: at(), cause })?;
+    let builder = || builder(board);
+    let elf = elf.map_err(|cause| FirmwareError::NotElf {
+        path: at(),
+        cause,
+        builder: builder(),
+    })?;
     if elf.architecture() != Architecture::Arm || !elf.is_little_endian() {
-        return Err(FirmwareError::OtherProcessor { path: at() });
+        return Err(FirmwareError::OtherProcessor {
+            path: at(),
+            board: board.name,
+            builder: builder(),
+        });
     }
+    let flash = about(board).flash;
+    let flash_end = u64::from(flash.origin) + u64::from(flash.bytes);
+    let other_board = || FirmwareError::OtherBoard {
+        path: at(),
+        board: board.name,
+        flash,
+        builder: builder(),
+    };
     let mut starts = false;
     for segment in elf.elf_program_headers() {
         let (from, length) = (
@@ -187,28 +242,31 @@ pub fn check(path: &Path) -> Result<(), FirmwareError> {
             continue;
         }
         if segment.data(elf.endian(), bytes.as_slice()).is_err() {
-            return Err(FirmwareError::Cut { path: at() });
+            return Err(FirmwareError::Cut {
+                path: at(),
+                builder: builder(),
+            });
         }
-        if from + length > FLASH_BYTES {
-            return Err(FirmwareError::OtherBoard { path: at() });
+        if from < u64::from(flash.origin) || from + length > flash_end {
+            return Err(other_board());
         }
-        starts |= from == 0;
+        starts |= from == u64::from(flash.origin);
     }
     match starts {
         true => Ok(()),
-        false => Err(FirmwareError::OtherBoard { path: at() }),
+        false => Err(other_board()),
     }
 }
 
 /// The first file of the checkout, by its name, that `firmware` was made of and that has changed or
 /// gone since. None where nobody wrote down what it was made of.
-fn newer_source(checkout: &Path, firmware: &Path) -> Option<PathBuf> {
+fn newer_source(board: &boards::Board, checkout: &Path, firmware: &Path) -> Option<PathBuf> {
     let built = modified(firmware)?;
     // Cargo names its files as the system does.
     let checkout = checkout.canonicalize().ok()?;
-    let made_of = std::fs::read_to_string(checkout.join(self::made_of())).ok()?;
+    let made_of = std::fs::read_to_string(checkout.join(self::made_of(board))).ok()?;
     // The checkout may have been moved or copied since: then the list has the old names.
-    let then = built_in(&made_of)?;
+    let then = built_in(board, &made_of)?;
     let is_newer = |source: &PathBuf| modified(&checkout.join(source)).is_none_or(|at| at > built);
     let mut sources: Vec<PathBuf> = sources(&made_of)
         .filter_map(|source| Some(source.strip_prefix(&then).ok()?.to_owned()))
@@ -219,10 +277,10 @@ fn newer_source(checkout: &Path, firmware: &Path) -> Option<PathBuf> {
 
 /// The checkout in which cargo wrote the list `made_of`: what is made comes first, and stands in a
 /// known place below it.
-fn built_in(made_of: &str) -> Option<PathBuf> {
+fn built_in(board: &boards::Board, made_of: &str) -> Option<PathBuf> {
     let (made, _) = made_of.split_once(": ")?;
     let made = made.replace("\\ ", " ");
-    let top = made.strip_suffix(&self::made())?;
+    let top = made.strip_suffix(&self::made(board))?;
     Some(PathBuf::from(top))
 }
 
@@ -257,6 +315,10 @@ mod tests {
 
     use super::*;
 
+    fn default_board() -> &'static boards::Board {
+        boards::find(BOARD).unwrap()
+    }
+
     #[test]
     fn a_named_firmware_must_be_there_and_a_built_one_is_found_from_below() {
         let folder = tempfile::tempdir().unwrap();
@@ -264,21 +326,29 @@ mod tests {
         let below = root.join("missions/office");
         std::fs::create_dir_all(&below).unwrap();
         assert!(matches!(
-            find(None, &below, |_| ()),
-            Err(FirmwareError::NoCheckout)
+            find(default_board(), None, &below, |_| ()),
+            Err(FirmwareError::NoCheckout { .. })
         ));
         assert!(matches!(
-            find(Some(&root.join("gone.elf")), &below, |_| ()),
+            find(
+                default_board(),
+                Some(&root.join("gone.elf")),
+                &below,
+                |_| ()
+            ),
             Err(FirmwareError::Missing { .. })
         ));
         let mark = root.join(checkout_mark());
         std::fs::create_dir_all(mark.parent().unwrap()).unwrap();
         std::fs::write(mark, "").unwrap();
-        let elf = root.join(built_firmware());
+        let elf = root.join(built_firmware(default_board()));
         std::fs::create_dir_all(elf.parent().unwrap()).unwrap();
         std::fs::write(&elf, "").unwrap();
-        assert_eq!(find(None, &below, |_| ()).unwrap(), elf);
-        assert_eq!(find(Some(&elf), &below, |_| ()).unwrap(), elf);
+        assert_eq!(find(default_board(), None, &below, |_| ()).unwrap(), elf);
+        assert_eq!(
+            find(default_board(), Some(&elf), &below, |_| ()).unwrap(),
+            elf
+        );
     }
 
     /// The least ELF file with these segments: where each is loaded, and how long it is.
@@ -312,7 +382,7 @@ mod tests {
         let file = folder.path().join("firmware.elf");
         let said = |bytes: &[u8]| {
             std::fs::write(&file, bytes).unwrap();
-            check(&file).map_err(|error| error.to_string())
+            check(default_board(), &file).map_err(|error| error.to_string())
         };
         let good = elf(ARM, &[(0, 64), (64, 128)]);
         assert_eq!(said(&good), Ok(()));
@@ -330,7 +400,7 @@ mod tests {
             ("not at the start", elf(ARM, &[(64, 64)]), "another board"),
             (
                 "too long",
-                elf(ARM, &[(0, 64), (FLASH_BYTES as u32, 1)]),
+                elf(ARM, &[(0, 64), (about(default_board()).flash.bytes, 1)]),
                 "another board",
             ),
             ("nothing", elf(ARM, &[]), "another board"),
@@ -355,10 +425,13 @@ mod tests {
         };
         let told = || {
             let mut told = None;
-            find(None, &root, |text| told = Some(text.to_owned())).unwrap();
+            find(default_board(), None, &root, |text| {
+                told = Some(text.to_owned())
+            })
+            .unwrap();
             told
         };
-        let built = built_firmware();
+        let built = built_firmware(default_board());
         let elf = built.as_str();
         write(&checkout_mark(), "", 1_000);
         write("rt-firmware/src/lib.rs", "", 1_000);
@@ -371,9 +444,9 @@ mod tests {
             named("rt-firmware/src/lib.rs"),
             named("rt-firmware/src/link.rs"),
         );
-        let made = named(&made());
+        let made = named(&made(default_board()));
         let list = format!("{made}: {link} /elsewhere/gone.rs {lib}\n");
-        write(&made_of(), &list, 2_000);
+        write(&made_of(default_board()), &list, 2_000);
         assert_eq!(told(), None, "what it was not made of is of no interest");
         write("rt-firmware/src/link.rs", "", 2_001);
         assert_eq!(
@@ -387,7 +460,7 @@ mod tests {
         // The list of a checkout that was copied from elsewhere.
         let here = root.display().to_string().replace(' ', "\\ ");
         write(
-            &made_of(),
+            &made_of(default_board()),
             &list.replace(&here, "/some\\ where/else"),
             2_000,
         );

@@ -10,6 +10,7 @@ pub mod firmware;
 pub mod folder;
 pub mod pipes;
 
+use std::ffi::OsStr;
 use std::fs::File;
 use std::io;
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -21,8 +22,11 @@ use std::time::{Duration, Instant};
 use rt_firmware::body::{Reply, Request};
 use thiserror::Error;
 
+use esm_toolkit::boards;
+
 use crate::flash::Flash;
 use crate::lockstep::line::BoardEnd;
+use crate::lockstep::plant_side::PlantSide;
 use folder::RunFolder;
 use pipes::PipeServer;
 
@@ -31,7 +35,8 @@ pub const QEMU: &str = "qemu-system-arm";
 
 /// QEMU's name of the board.
 pub fn machine() -> &'static str {
-    firmware::about().machine().unwrap_or_default()
+    let board = boards::find(firmware::BOARD).ok();
+    (board.and_then(|board| firmware::about(board).machine())).unwrap_or_default()
 }
 
 /// What becomes of the virtual time in which the emulated processor sleeps. An instruction takes
@@ -88,6 +93,14 @@ pub enum EmulatorError {
         "the emulator `{QEMU}` is not installed; on Debian and Ubuntu: apt-get install qemu-system-arm (or let `cargo xtask demo` do it)"
     )]
     NotInstalled,
+    /// The emulator of a chip is not set up.
+    #[error(
+        "the emulator of the board {board} is not set up: run `cargo xtask emulator --board {board}` in the checkout of esm, and esm inside it"
+    )]
+    NotSetUp {
+        /// The board.
+        board: &'static str,
+    },
     /// The firmware's file is not there.
     #[error("there is no firmware at {}; build it with `cargo xtask firmware`", path.display())]
     NoFirmware {
@@ -134,6 +147,8 @@ pub struct Emulator {
     process: Child,
     plant: PipeServer,
     flash: PipeServer,
+    /// What the sonars of a chip's body answer.
+    pulses: Option<PipeServer>,
     link: Option<(BoardEnd, PipeServer)>,
     folder: RunFolder,
     uart: Option<UnixStream>,
@@ -186,30 +201,94 @@ impl Emulator {
             })
             .map_err(system("open the pipes to the flash"))?;
         let link = line
-            .map(|line| {
-                let served = line.clone();
-                let serve = move |requests, replies| {
-                    let ended = pipes::swap_link(requests, replies, &served);
-                    served.close();
-                    ended
-                };
-                let server = PipeServer::start_pair(folder.path(), pipes::LINK, serve)?;
-                Ok((line, server))
-            })
+            .map(|line| Ok((line.clone(), serve_link(folder.path(), line)?)))
             .transpose()
             .map_err(system("open the pipes of the link"))?;
         let counting = idle.instruction_counting(link.is_some());
-        let process = spawn(&firmware, counting, folder.path())?;
+        let mut machine = Command::new(QEMU);
+        machine
+            .args(["-machine", self::machine(), "-icount", counting])
+            .args(["-nographic", "-monitor", "none"])
+            .args(["-semihosting-config", "enable=on,target=native"])
+            .args([
+                "-chardev",
+                &format!("socket,id=uart0,path={UART_SOCKET},server=off"),
+            ])
+            .args(["-serial", "chardev:uart0"])
+            .arg("-kernel")
+            .arg(&firmware);
+        let process = spawn(machine, folder.path())?;
         let mut emulator = Emulator {
             link,
             process,
             plant,
             flash,
+            pulses: None,
             folder,
             uart: None,
         };
         emulator.uart = Some(emulator.accept_uart(&listener)?);
         Ok(emulator)
+    }
+
+    /// Starts the firmware at `firmware` in the emulator of a chip, with the body of `plant` at its
+    /// pins, `flash` for the cells in which it keeps missions, and its UART 0 at `line`.
+    ///
+    /// # Errors
+    /// [`EmulatorError`]: what is missing, and what to do.
+    pub fn start_chip(
+        board: &'static boards::Board,
+        firmware: &Path,
+        plant: PlantSide,
+        flash: Flash,
+        line: BoardEnd,
+    ) -> Result<Self, EmulatorError> {
+        let system = |what| move |cause| EmulatorError::System { what, cause };
+        let path = firmware.to_owned();
+        let firmware = firmware
+            .canonicalize()
+            .map_err(|_| EmulatorError::NoFirmware { path })?;
+        let not_set_up = || EmulatorError::NotSetUp { board: board.name };
+        let here = std::env::current_dir().map_err(system("find the working directory"))?;
+        let checkout = firmware::checkout_around(&here)
+            .or_else(|| firmware::checkout_around(&firmware))
+            .ok_or_else(not_set_up)?;
+        let python = checkout.join(format!("target/emulators/{}/bin/python", board.name));
+        let script = firmware::about(board).script().ok_or_else(not_set_up)?;
+        if !python.is_file() {
+            return Err(not_set_up());
+        }
+        let folder = RunFolder::new().map_err(system("make a folder for the run"))?;
+        let pairs = [pipes::PINS, pipes::PULSES, pipes::FLASH, pipes::LINK];
+        pipes::make(folder.path(), &pairs).map_err(system("make the pipes to the plant"))?;
+        let body = plant.clone();
+        let pins = PipeServer::start(folder.path(), move |request| body.exchange(request))
+            .map_err(system("open the pipes to the plant"))?;
+        let pulses =
+            PipeServer::start_pair(folder.path(), pipes::PULSES, move |requests, replies| {
+                pipes::tell_pulses(requests, replies, || plant.pulses())
+            })
+            .map_err(system("open the pipes to the sonars"))?;
+        let flash =
+            PipeServer::start_pair(folder.path(), pipes::FLASH, move |requests, replies| {
+                flash.serve(requests, replies)
+            })
+            .map_err(system("open the pipes to the flash"))?;
+        let link = serve_link(folder.path(), line.clone())
+            .map_err(system("open the pipes of the link"))?;
+        let mut chip = Command::new(python);
+        chip.arg(checkout.join("boards").join(board.name).join(script))
+            .arg(&firmware);
+        let process = spawn(chip, folder.path())?;
+        Ok(Emulator {
+            link: Some((line, link)),
+            process,
+            plant: pins,
+            flash,
+            pulses: Some(pulses),
+            folder,
+            uart: None,
+        })
     }
 
     /// The board's UART0; `None` after the first call.
@@ -291,10 +370,23 @@ impl Drop for Emulator {
         }
         self.plant.stop();
         self.flash.stop();
+        if let Some(pulses) = &mut self.pulses {
+            pulses.stop();
+        }
     }
 }
 
-fn spawn(firmware: &Path, counting: &str, folder: &Path) -> Result<Child, EmulatorError> {
+/// Serves the pipes of the link, whose other end is that of `line`.
+fn serve_link(folder: &Path, line: BoardEnd) -> io::Result<PipeServer> {
+    PipeServer::start_pair(folder, pipes::LINK, move |requests, replies| {
+        let ended = pipes::swap_link(requests, replies, &line);
+        line.close();
+        ended
+    })
+}
+
+/// Starts an emulator in the folder of its run.
+fn spawn(emulator: Command, folder: &Path) -> Result<Child, EmulatorError> {
     let system = |cause| EmulatorError::System {
         what: "start the emulator",
         cause,
@@ -302,16 +394,6 @@ fn spawn(firmware: &Path, counting: &str, folder: &Path) -> Result<Child, Emulat
     let console = File::create(folder.join(CONSOLE_FILE)).map_err(system)?;
     let start = |mut command: Command| -> io::Result<Child> {
         command
-            .args(["-machine", machine(), "-icount", counting])
-            .args(["-nographic", "-monitor", "none"])
-            .args(["-semihosting-config", "enable=on,target=native"])
-            .args([
-                "-chardev",
-                &format!("socket,id=uart0,path={UART_SOCKET},server=off"),
-            ])
-            .args(["-serial", "chardev:uart0"])
-            .arg("-kernel")
-            .arg(firmware)
             .current_dir(folder)
             .stdin(Stdio::null())
             .stdout(console.try_clone()?)
@@ -320,13 +402,16 @@ fn spawn(firmware: &Path, counting: &str, folder: &Path) -> Result<Child, Emulat
             .process_group(0)
             .spawn()
     };
-    // `setpriv` (util-linux) has the system kill the emulator should this process be killed itself.
-    let mut guarded = Command::new("setpriv");
-    guarded.args(["--pdeathsig", "KILL", QEMU]);
-    let process = if is_installed("setpriv") && is_installed(QEMU) {
+    let program = emulator.get_program().to_owned();
+    let process = if is_installed("setpriv") && is_installed(&program) {
+        // `setpriv` (util-linux) has the system kill the emulator should this process be killed
+        // itself.
+        let mut guarded = Command::new("setpriv");
+        guarded.args(["--pdeathsig", "KILL"]).arg(&program);
+        guarded.args(emulator.get_args());
         start(guarded)
     } else {
-        start(Command::new(QEMU))
+        start(emulator)
     };
     process.map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => EmulatorError::NotInstalled,
@@ -335,7 +420,8 @@ fn spawn(firmware: &Path, counting: &str, folder: &Path) -> Result<Child, Emulat
 }
 
 /// Whether `program` is found on the search path.
-fn is_installed(program: &str) -> bool {
+fn is_installed(program: impl AsRef<OsStr>) -> bool {
+    let program = program.as_ref();
     std::env::var_os("PATH").is_some_and(|path| {
         std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
     })

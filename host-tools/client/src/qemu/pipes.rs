@@ -19,8 +19,9 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::stat::Mode;
 use std::os::fd::AsFd;
 
+use esm_toolkit::plant::Pulse;
 use rt_firmware::body::line::{LinePart, MESSAGE_BYTES};
-use rt_firmware::body::{REQUEST_BYTES, Reply, Request};
+use rt_firmware::body::{REQUEST_BYTES, Reply, Request, SONARS};
 
 use crate::lockstep::line::BoardEnd;
 
@@ -49,6 +50,14 @@ pub const FLASH: Pair = Pair {
 pub const LINK: Pair = Pair {
     requests: "link-request",
     replies: "link-reply",
+};
+
+/// What sonars answer, for an emulator that gives their echoes to pins: a request is any byte, and
+/// a reply says of each sonar in how many microseconds its echo rises, and for how many it is high
+/// then; 0 where it is not. Numbers of 16 bits, little endian.
+pub const PULSES: Pair = Pair {
+    requests: "pulse-request",
+    replies: "pulse-reply",
 };
 
 /// How often a wait looks whether the emulator has ended.
@@ -134,6 +143,27 @@ impl Drop for PipeServer {
     fn drop(&mut self) {
         self.stop();
     }
+}
+
+/// Answers what sonars do, until the board has closed its end.
+///
+/// # Errors
+/// What the system says.
+pub fn tell_pulses(
+    mut requests: File,
+    mut replies: File,
+    mut pulses: impl FnMut() -> [Option<Pulse>; SONARS],
+) -> io::Result<()> {
+    let mut request = [0];
+    while requests.read(&mut request)? > 0 {
+        let numbers = pulses().into_iter().flat_map(|pulse| {
+            let pulse = pulse.unwrap_or_default();
+            [pulse.rises_in_us, pulse.width_us]
+        });
+        let reply: Vec<u8> = numbers.flat_map(u16::to_le_bytes).collect();
+        replies.write_all(&reply)?;
+    }
+    Ok(())
 }
 
 /// Opens the pipe of replies as soon as the board reads from it; `None` where the emulator ended

@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
+use embedded_storage::nor_flash::NorFlash;
 use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::store::flash_store::{self, FlashStore};
 use thiserror::Error;
 
-use crate::flash::Flash;
+use crate::flash::{Flash, InSectors};
 use crate::host_board::{self, HostBoard, HostBoardError, RobotMaker};
 use crate::link_client::log_lines::{LogReader, LogTableError};
 use crate::lockstep::line;
@@ -14,12 +15,15 @@ use crate::lockstep::plant_side::PlantSide;
 use crate::qemu::{Emulator, EmulatorError, Idle, firmware};
 use crate::serial::pacing::Paced;
 use crate::serial::{ByteLink, DEFAULT_BAUD};
+use esm_toolkit::boards;
 use esm_toolkit::recording::entered::Entered;
 
 /// Which board to run on.
 pub enum Board {
-    /// A firmware in the emulator.
+    /// A firmware in an emulator.
     Emulated {
+        /// Which board the emulator is of.
+        board: &'static boards::Board,
         /// Its ELF file.
         firmware: PathBuf,
     },
@@ -31,10 +35,19 @@ pub enum Board {
 }
 
 impl Board {
+    /// A firmware on the default board.
+    ///
+    /// # Panics
+    /// Never: there is a default board.
+    pub fn emulated(firmware: PathBuf) -> Self {
+        let board = boards::find(boards::DEFAULT).expect("the default board is one of them");
+        Board::Emulated { board, firmware }
+    }
+
     /// Its name, as `--board` takes it.
     pub fn name(&self) -> &'static str {
         match self {
-            Board::Emulated { .. } => firmware::BOARD,
+            Board::Emulated { board, .. } => board.name,
             Board::Host { .. } => host_board::BOARD,
         }
     }
@@ -51,25 +64,40 @@ impl Board {
         }
     }
 
+    /// What is erased at once in its flash.
+    fn erase_bytes(&self) -> u32 {
+        match self {
+            Board::Emulated { board, .. } => firmware::about(board).flash.erase_bytes,
+            Board::Host { .. } => ERASE_BYTES as u32,
+        }
+    }
+
+    /// The longest mission in bytes.
+    fn blob_bytes(&self) -> u32 {
+        boards::find(self.name()).map_or(0, |board| board.capacities.blob_bytes)
+    }
+
     /// Bytes of its flash for missions.
     pub fn flash_bytes(&self) -> u32 {
-        let capacities = esm_toolkit::boards::find(self.name()).map(|board| board.capacities);
-        let blob_bytes = capacities.map_or(0, |capacities| capacities.blob_bytes);
-        flash_store::flash_bytes(blob_bytes, ERASE_BYTES as u32)
+        flash_store::flash_bytes(self.blob_bytes(), self.erase_bytes())
     }
 
     /// A flash without missions, for a run: a robot that has one of its own waits for the run's.
     pub fn flash_of_a_run(&self) -> Flash {
-        let bytes = self.flash_bytes();
-        let flash = Flash::blank(bytes);
-        let blob_bytes =
-            esm_toolkit::boards::find(self.name()).map_or(0, |board| board.capacities.blob_bytes);
-        let mut records = [0; flash_store::RECORD_BYTES];
-        if let Ok(mut keep) = FlashStore::open(flash.clone(), blob_bytes, None, &mut records) {
-            // Blank cells take it.
-            let _ = keep.wait_for_host();
-        }
+        let flash = Flash::blank(self.flash_bytes());
+        // Blank cells take it.
+        let _ = match self.erase_bytes() {
+            InSectors::<4096>::BYTES => self.wait_for_host(InSectors::<4096>(flash.clone())),
+            _ => self.wait_for_host(flash.clone()),
+        };
         flash
+    }
+
+    /// Lets a robot with this flash wait for a mission.
+    fn wait_for_host(&self, flash: impl NorFlash + Clone) -> Option<()> {
+        let mut records = [0; flash_store::RECORD_BYTES];
+        let keep = FlashStore::open(flash, self.blob_bytes(), None, &mut records);
+        keep.ok()?.wait_for_host().ok()
     }
 
     /// What decodes its log.
@@ -78,7 +106,7 @@ impl Board {
     /// [`LogTableError`]: what is wrong with the firmware's file.
     pub fn log_reader(&self) -> Result<LogReader, LogTableError> {
         match self {
-            Board::Emulated { firmware } => LogReader::firmware(firmware),
+            Board::Emulated { firmware, .. } => LogReader::firmware(firmware),
             Board::Host { .. } => Ok(LogReader::text()),
         }
     }
@@ -141,9 +169,15 @@ impl RunningBoard {
                 let (board, line) = HostBoard::start_in_step(robot, plant.clone())?;
                 Ok((RunningBoard::Host(board), Box::new(line)))
             }
-            Board::Emulated { firmware } => {
+            Board::Emulated { board, firmware } => {
                 let served = plant.clone();
                 let flash = plant.flash(flash_bytes);
+                if firmware::about(board).script().is_some() {
+                    // Its link always goes by the clock of the chip.
+                    let (near, line) = line::pair();
+                    let emulator = Emulator::start_chip(board, &firmware, served, flash, near)?;
+                    return Ok((RunningBoard::Emulated(Box::new(emulator)), Box::new(line)));
+                }
                 let answer = move |request: &_| served.exchange(request);
                 if link == LinkWay::Exchange {
                     let (near, line) = line::pair();
@@ -182,6 +216,29 @@ impl RunningBoard {
         match self {
             RunningBoard::Emulated(emulator) => emulator.console(),
             RunningBoard::Host(_) => String::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use embedded_storage::nor_flash::ReadNorFlash;
+
+    use super::*;
+
+    #[test]
+    fn a_robot_in_a_run_waits_for_the_runs_mission_whatever_its_flash_erases_at_once() {
+        for board in boards::all().filter(|board| board.firmware.is_some()) {
+            let emulated = Board::Emulated {
+                board,
+                firmware: PathBuf::new(),
+            };
+            let mut flash = emulated.flash_of_a_run();
+            assert_eq!(flash.capacity(), emulated.flash_bytes() as usize);
+            let mut cells = vec![0; flash.capacity()];
+            flash.read(0, &mut cells).unwrap();
+            let written = cells.iter().position(|cell| *cell != 0xFF);
+            assert!(written.is_some(), "{}", board.name);
         }
     }
 }

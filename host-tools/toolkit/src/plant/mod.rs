@@ -26,7 +26,7 @@ mod sonar;
 mod statistics;
 
 use rt_firmware::body::{
-    ADC_FULL_SCALE, ANALOG_CHANNELS, Actuators, FULL_DUTY, Reply, Request, Sensors,
+    ADC_FULL_SCALE, ANALOG_CHANNELS, Actuators, FULL_DUTY, Reply, Request, SONARS, Sensors,
 };
 
 pub use drive::BodyPose;
@@ -35,7 +35,7 @@ pub use parameters::{
     BatteryParameters, BodyParameters, FloorParameters, GripParameters, MotorParameters,
     SLIP_WINDOW_MS, SonarParameters,
 };
-pub use sonar::{PATIENCE_US, SonarFault};
+pub use sonar::{PATIENCE_US, Pulse, SonarFault};
 pub use statistics::{PathSample, Statistics};
 
 use crate::world::World;
@@ -174,6 +174,12 @@ impl Plant {
             adc_counts: self.adc_counts(),
             stop_is_low: false,
         }
+    }
+
+    /// What the sonars answer to their last triggers, if they do: of those that are to come, or
+    /// under way.
+    pub fn pulses(&self) -> [Option<Pulse>; SONARS] {
+        self.sonars.pulses(self.now_us)
     }
 
     /// One exchange with a board: the actuators take effect at `effect_us`, the reply holds the

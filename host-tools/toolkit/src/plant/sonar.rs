@@ -72,14 +72,23 @@ impl FromStr for SonarFault {
 #[derive(Clone, Copy, Debug, Default)]
 struct Sonar {
     /// The pulse that answers its last trigger, if it does.
-    pulse: Option<Pulse>,
+    pulse: Option<TimedPulse>,
     pings: u64,
     fault: Option<SonarFault>,
 }
 
+/// A pulse on an echo pin, seen from now.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pulse {
+    /// When it rises, in microseconds from now; 0 where it is high already.
+    pub rises_in_us: u16,
+    /// How long it is high in all, in microseconds.
+    pub width_us: u16,
+}
+
 /// A pulse on an echo pin.
 #[derive(Clone, Copy, Debug)]
-struct Pulse {
+struct TimedPulse {
     rises_at_us: u64,
     falls_at_us: u64,
 }
@@ -131,11 +140,23 @@ impl SonarRing {
                 Some(SonarFault::Dead) => None,
             };
             let rises_at_us = now_us + BURST_US;
-            sonar.pulse = width_us.map(|width_us| Pulse {
+            sonar.pulse = width_us.map(|width_us| TimedPulse {
                 rises_at_us,
                 falls_at_us: rises_at_us + width_us,
             });
         }
+    }
+
+    /// The pulses that answer the last triggers, and are not over at `now_us`.
+    pub fn pulses(&self, now_us: u64) -> [Option<Pulse>; SONARS] {
+        self.sonars.map(|sonar| {
+            let pulse = sonar.pulse.filter(|pulse| pulse.falls_at_us > now_us)?;
+            // Neither is ever as long as 16 bits can hold.
+            Some(Pulse {
+                rises_in_us: pulse.rises_at_us.saturating_sub(now_us) as u16,
+                width_us: (pulse.falls_at_us - pulse.rises_at_us) as u16,
+            })
+        })
     }
 
     /// What the timers at the echo pins show at `now_us`: how long each has been high since its
@@ -143,11 +164,11 @@ impl SonarRing {
     pub fn echoes(&self, now_us: u64) -> ([u16; SONARS], u8) {
         let pulses = self.sonars.map(|sonar| sonar.pulse);
         // A pulse is never as long as 16 bits can hold.
-        let width_us = |pulse: Pulse| {
+        let width_us = |pulse: TimedPulse| {
             let until_us = now_us.min(pulse.falls_at_us);
             until_us.saturating_sub(pulse.rises_at_us) as u16
         };
-        let is_high = |pulse: Pulse| (pulse.rises_at_us..pulse.falls_at_us).contains(&now_us);
+        let is_high = |pulse: TimedPulse| (pulse.rises_at_us..pulse.falls_at_us).contains(&now_us);
         let high = (pulses.iter().rev()).fold(0, |bits, pulse| {
             bits << 1 | u8::from(pulse.is_some_and(is_high))
         });
