@@ -77,6 +77,20 @@ pub fn firmware(name: &str) -> PathBuf {
     root().join(format!("target/firmware/lm3s6965/{name}.elf"))
 }
 
+/// The default firmware of the board of that name, whose chip has an emulator of its own, which is
+/// installed if need be. Never older than its source.
+///
+/// # Panics
+/// As [`firmware`].
+pub fn chip_firmware(board: &str) -> PathBuf {
+    static BUILT: OnceLock<()> = OnceLock::new();
+    BUILT.get_or_init(|| {
+        make(&["xtask", "emulator", "--board", board]);
+        make(&["xtask", "firmware", "--board", board]);
+    });
+    root().join(format!("target/firmware/{board}/rover.elf"))
+}
+
 /// The default firmware built without its features, never older than its source.
 ///
 /// # Panics
@@ -100,6 +114,15 @@ fn make(arguments: &[&str]) {
         "`cargo {}` fails: see above. `cargo xtask test` finds or installs all that the tests need",
         arguments.join(" ")
     );
+}
+
+/// The first number on the line of the summary that has the word.
+pub fn figure(summary: &str, word: &str) -> Option<f64> {
+    summary
+        .lines()
+        .find(|line| line.contains(word))?
+        .split(|c: char| !(c.is_ascii_digit() || c == '.'))
+        .find_map(|number| number.parse().ok())
 }
 
 /// A command that has ended.

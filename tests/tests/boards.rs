@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::Duration;
 
-use esm_tests::command::{Done, esm, esm_timed, firmware, root};
+use esm_tests::command::{Done, esm, esm_timed, figure, firmware, root};
 use host_tools::files::load_world;
 use host_tools::host_board::{self, RobotMaker};
 use host_tools::lang;
@@ -303,15 +303,6 @@ fn no_run_collides_and_each_is_fast_enough() {
             assert!(*took < limit, "{what}: {board} worked for {took:?}");
         }
     }
-}
-
-/// The first number on the line of the summary that has the word.
-fn figure(summary: &str, word: &str) -> Option<f64> {
-    summary
-        .lines()
-        .find(|line| line.contains(word))?
-        .split(|c: char| !(c.is_ascii_digit() || c == '.'))
-        .find_map(|number| number.parse().ok())
 }
 
 #[test]

@@ -1,0 +1,113 @@
+//! The board pico in its emulator, with the robot's body behind its pins.
+
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use esm_tests::command::{chip_firmware, esm, figure};
+use host_tools::qemu::folder::RunFolder;
+use serde_json::Value;
+
+/// Robot time of a run, in seconds.
+const RUN_S: u64 = 15;
+
+/// How much later, or earlier, a transition may be than on the host board, in microseconds. Between
+/// the body and its pins lies a millisecond, and pins turn by whole edges: what depends on the exact
+/// place of the robot may come in another of the interpreter's activations, 20 ms apart.
+const MOST_APART_US: u64 = 200_000;
+
+/// Where traces of these tests are kept, to be looked at after a failure.
+fn folder() -> &'static Path {
+    static FOLDER: OnceLock<RunFolder> = OnceLock::new();
+    let folder = FOLDER.get_or_init(|| RunFolder::new().unwrap());
+    folder.path()
+}
+
+/// A transition: when, from where, to where.
+type Transition = (u64, String, String);
+
+struct Driven {
+    transitions: Vec<Transition>,
+    trace: String,
+    said: String,
+}
+
+/// Drives a mission on a board.
+fn drive(board: &str, mission: &str, world: &str, until_s: u64, name: &str) -> Driven {
+    let trace: PathBuf = folder().join(format!("{mission}-{world}-{board}-{name}.jsonl"));
+    let path = trace.to_str().unwrap();
+    let mission = format!("missions/{mission}.esm");
+    let until = format!("{until_s} s");
+    let firmware = chip_firmware("pico");
+    let mut arguments = vec!["run", &mission, "--board", board, "--world", world];
+    arguments.extend(["--until", &until, "--trace", path]);
+    if board == "pico" {
+        arguments.extend(["--firmware", firmware.to_str().unwrap()]);
+    }
+    let done = esm(&arguments).good();
+    let trace = std::fs::read_to_string(&trace).unwrap();
+    let lines = trace
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap());
+    let transitions = lines
+        .filter(|line: &Value| line["kind"] == "transition")
+        .map(|line| {
+            let text = |key: &str| line[key].as_str().unwrap().to_owned();
+            (line["t_us"].as_u64().unwrap(), text("from"), text("to"))
+        })
+        .collect();
+    Driven {
+        transitions,
+        trace,
+        said: done.out,
+    }
+}
+
+/// Both missions do in this world what they do on the host.
+fn same_order(world: &str, least: usize) {
+    for mission in ["patrol", "follow_wall"] {
+        let [chip, host] = ["pico", "host"].map(|board| drive(board, mission, world, RUN_S, "15s"));
+        let order = |driven: &Driven| -> Vec<String> {
+            let steps = driven.transitions.iter();
+            steps
+                .map(|(_, from, to)| format!("{from} -> {to}"))
+                .collect()
+        };
+        assert_eq!(order(&chip), order(&host), "{mission} in {world}");
+        assert!(chip.transitions.len() >= least, "{mission} in {world}");
+        let apart = (chip.transitions.iter().zip(&host.transitions))
+            .map(|((a_us, ..), (b_us, ..))| a_us.abs_diff(*b_us))
+            .max();
+        println!(
+            "{mission} in {world}: at most {} us apart",
+            apart.unwrap_or(0)
+        );
+        assert!(apart.unwrap_or(0) <= MOST_APART_US, "{mission} in {world}");
+        for (name, limit) in [("slots missed", 0.0), ("collisions", 0.0)] {
+            assert_eq!(figure(&chip.said, name), Some(limit), "{}", chip.said);
+        }
+    }
+}
+
+#[test]
+fn missions_do_in_the_office_what_they_do_on_the_host() {
+    same_order("office", 20);
+}
+
+#[test]
+fn missions_do_in_the_corridor_what_they_do_on_the_host() {
+    same_order("corridor", 10);
+}
+
+#[test]
+fn two_runs_are_equal_to_the_byte() {
+    let [first, second] = ["a", "b"].map(|name| drive("pico", "patrol", "office", 2, name));
+    assert_eq!(first.trace, second.trace);
+    let told = |driven: &Driven| {
+        let lines = driven
+            .said
+            .lines()
+            .filter(|line| !line.contains("on the wall"));
+        lines.map(str::to_owned).collect::<Vec<_>>()
+    };
+    assert_eq!(told(&first), told(&second));
+}
