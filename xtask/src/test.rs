@@ -132,6 +132,35 @@ fn builds(root: &Path, choice: Choice, tally: &mut Tally) {
     }
 }
 
+/// Tests of the whole that run beside the others: about half of the time that all take.
+const BESIDE: [&str; 3] = ["faults", "hostile_host", "pico"];
+
+/// Where tests of the whole stand, below the checkout: a file, or a folder, each.
+const WHOLE_FOLDERS: [&str; 3] = ["tests/tests", "host-tools/tests", "xtask/tests"];
+
+/// The names of the tests of the whole, but for those that run [`BESIDE`].
+fn whole_tests(root: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(root.join(WHOLE_FOLDER))
+        .into_iter()
+        .flatten();
+    let names = entries.filter_map(|entry| {
+        let path = entry.ok()?.path();
+        Some(path.file_stem()?.to_str()?.to_owned())
+    });
+    let mut names: Vec<String> = names
+        .filter(|name| !BESIDE.contains(&name.as_str()))
+        .collect();
+    names.sort();
+    names
+}
+
+/// Runs tests of the whole, by their names.
+fn whole<'a>(root: &Path, name: &str, tests: impl Iterator<Item = &'a str>, tally: &mut Tally) {
+    let mut arguments = vec!["--workspace"];
+    arguments.extend(tests.flat_map(|test| ["--test", test]));
+    tally.tests(name, root, &arguments, None);
+}
+
 /// What drives robots, on the host and in the emulator: the demo, and the tests of the whole. Needs
 /// what [`builds`] makes.
 fn robots(root: &Path, tally: &mut Tally) {
@@ -152,12 +181,9 @@ fn robots(root: &Path, tally: &mut Tally) {
         let folder = demo::drive_lean(root)?;
         size::check_stack(root, size::LEAN_LIMITS, &folder.join("summary.json"))
     });
-    tally.tests(
-        "tests of the whole",
-        root,
-        &["--workspace", "--test", "*"],
-        None,
-    );
+    let tests = whole_tests(root);
+    let tests = tests.iter().map(String::as_str);
+    whole(root, "tests of the whole", tests, tally);
 }
 
 /// Tests of each library for itself, of the machines that the interpreter is compared with, and of
@@ -190,12 +216,27 @@ fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
     if let Some(toolchain) = compiler(choice, tally) {
         example_checks(root, &toolchain, tally);
     }
+    whole(
+        root,
+        "tests of the whole that run beside",
+        BESIDE.into_iter(),
+        tally,
+    );
 }
 
-/// The workspaces that have a lock file. The crate `esm` has none: it is built as a part of others.
-const LOCKED: [&str; 6] = [
+/// The board whose chip has an emulator of its own.
+const CHIP: &str = "pico";
+/// See [`CHIP`].
+const CHIP_FOLDER: &str = "boards/pico";
+
+/// Crates without a lock file: they are built as parts of others.
+const UNLOCKED: [&str; 3] = ["esm", "boards/cortex_m", "boards/settings"];
+
+/// The workspaces that have a lock file.
+const LOCKED: [&str; 7] = [
     "",
     BOARD_FOLDER,
+    CHIP_FOLDER,
     EXAMPLE_FOLDER,
     EXAMPLE_FIRMWARE_FOLDER,
     fuzz::PACKAGE_FOLDER,
@@ -215,7 +256,7 @@ fn checks(root: &Path, tally: &mut Tally) {
     let rustfmt = has_component("fmt");
     let clippy = has_component("clippy");
     if rustfmt {
-        for folder in LOCKED.into_iter().chain(["esm"]) {
+        for folder in LOCKED.into_iter().chain(UNLOCKED) {
             let name = format!(
                 "formatting of {}",
                 if folder.is_empty() {
@@ -310,6 +351,15 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
             "lints of the firmware",
             "the compiler for firmware has no clippy",
         );
+    }
+    tally.step("firmware of the pico", || {
+        let bins = [DEFAULT_BIN.to_owned()];
+        firmware::build_for(root, CHIP, toolchain, &bins).map(drop)
+    });
+    if toolchain.has_clippy() && has_component("clippy") {
+        tally.step("lints of the pico's firmware", || {
+            firmware::lint(root, &root.join(CHIP_FOLDER), toolchain)
+        });
     }
     tally.step(
         "a smaller core: esm-core and rt-firmware for thumbv6m",
