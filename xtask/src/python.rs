@@ -110,6 +110,21 @@ pub fn emulator(root: &Path, board: &str) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Tests the drivers of a board at the pins of its emulated chip.
+///
+/// # Errors
+/// As [`emulator`]; or a test that failed.
+pub fn test_pins(root: &Path, board: &str, firmware: &Path) -> Result<(), Failure> {
+    emulator(root, board)?;
+    within(
+        TEST_LIMIT,
+        command(root.join(EMULATORS_FOLDER).join(board).join("bin/python"))
+            .args(["-m", "unittest", "discover", "--start-directory"])
+            .arg(root.join(format!("boards/{board}/emulator/tests")))
+            .env("ESM_PINS_FIRMWARE", firmware),
+    )
+}
+
 /// The package with what it needs for robots that have a key.
 fn with_extra(package: &Path) -> OsString {
     let mut package = package.as_os_str().to_owned();

@@ -140,13 +140,13 @@ const WHOLE_FOLDERS: [&str; 3] = ["tests/tests", "host-tools/tests", "xtask/test
 
 /// The names of the tests of the whole, but for those that run [`BESIDE`].
 fn whole_tests(root: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(root.join(WHOLE_FOLDER))
-        .into_iter()
-        .flatten();
-    let names = entries.filter_map(|entry| {
-        let path = entry.ok()?.path();
-        Some(path.file_stem()?.to_str()?.to_owned())
+    let folders = WHOLE_FOLDERS.map(|folder| std::fs::read_dir(root.join(folder)));
+    let entries = folders.into_iter().flatten().flatten().flatten();
+    // What cargo takes for a test: a file of Rust, or a folder with a `main.rs`.
+    let paths = entries.map(|entry| entry.path()).filter(|path| {
+        path.extension().is_some_and(|it| it == "rs") || path.join("main.rs").is_file()
     });
+    let names = paths.filter_map(|path| Some(path.file_stem()?.to_str()?.to_owned()));
     let mut names: Vec<String> = names
         .filter(|name| !BESIDE.contains(&name.as_str()))
         .collect();
@@ -170,6 +170,16 @@ fn robots(root: &Path, tally: &mut Tally) {
         }),
         None => tally.skip(
             "the link's client in Python",
+            "there is no python3 with venv",
+        ),
+    }
+    match python::find() {
+        Some(_) => tally.step("the pico's drivers, at its pins", || {
+            let firmware = format!("target/firmware/{CHIP}/{PINS_BIN}.elf");
+            python::test_pins(root, CHIP, &root.join(firmware))
+        }),
+        None => tally.skip(
+            "the pico's drivers, at its pins",
             "there is no python3 with venv",
         ),
     }
@@ -228,6 +238,9 @@ fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
 const CHIP: &str = "pico";
 /// See [`CHIP`].
 const CHIP_FOLDER: &str = "boards/pico";
+
+/// Its firmware for tests at its pins.
+const PINS_BIN: &str = "pins";
 
 /// Crates without a lock file: they are built as parts of others.
 const UNLOCKED: [&str; 3] = ["esm", "boards/cortex_m", "boards/settings"];
@@ -353,7 +366,7 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
         );
     }
     tally.step("firmware of the pico", || {
-        let bins = [DEFAULT_BIN.to_owned()];
+        let bins = [DEFAULT_BIN, PINS_BIN].map(str::to_owned);
         firmware::build_for(root, CHIP, toolchain, &bins).map(drop)
     });
     if toolchain.has_clippy() && has_component("clippy") {

@@ -92,8 +92,8 @@ class Pio:
     the time: it is let do `rounds` instructions, and the rest of the time is left out.
     """
 
-    # Two instructions later than the longest delay of an instruction.
-    AFTER_A_WRITE_NS = 17_500
+    # Some instructions later than the longest delay of one, 32 periods of a clock of 2 MHz.
+    AFTER_A_WRITE_NS = 20_000
 
     def __init__(self, chip, index, address, rounds=None):
         self.pio = chip.pio[index]
@@ -137,6 +137,13 @@ class Pio:
         if left != 0 and now > self.cycles:
             pio.advance(now - self.cycles)
         self.cycles = now
+
+
+def lazy_pios(chip):
+    """Lets the blocks of a chip execute when somebody looks."""
+    # An encoder's program takes 11 instructions a round at most, and publishes a count in each.
+    chip.pio = [Pio(chip, 0, 0x50200, rounds=64), Pio(chip, 1, 0x50300)]
+    return chip.pio
 
 
 class Motor:
@@ -196,9 +203,7 @@ class Body:
         self.counts = [0, 0]
         self.steps = [0, 0]
         self.motors = [Motor(chip, pins) for pins in MOTORS]
-        # An encoder's program takes 11 instructions a round: three of them publish a count.
-        self.pios = [Pio(chip, 0, 0x50200, rounds=64), Pio(chip, 1, 0x50300)]
-        chip.pio = self.pios
+        self.pios = lazy_pios(chip)
         for sonar, pin in enumerate(TRIGGERS):
             chip.gpio[pin].add_listener(self.trigger_of(sonar))
         chip.gpio[LED].add_listener(self.led)

@@ -63,8 +63,8 @@ struct Timer {
 impl Timer {
     fn registers() -> &'static pio0::RegisterBlock {
         // SAFETY: the registers are there for the chip's whole life. A state machine's own are
-        // written by the trigger and the echo of its sonar alone, which one task has; those that
-        // all share are only read.
+        // written by the trigger and the echo of its sonar alone, which one task has; of those
+        // that all share, what is written restarts one of them.
         unsafe { &*PIO1::ptr() }
     }
 
@@ -89,6 +89,9 @@ impl Timer {
             condition: JmpCondition::Always,
             address: self.program,
         });
+        // Also out of a wait for an echo that does not come.
+        // SAFETY: a state machine that there is.
+        (Self::registers().ctrl()).modify(|_, w| unsafe { w.sm_restart().bits(1 << self.machine) });
         for _ in 0..FIFO_COUNTS {
             self.read();
         }
