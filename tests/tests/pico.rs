@@ -11,8 +11,8 @@ use serde_json::Value;
 const RUN_S: u64 = 15;
 
 /// How much later, or earlier, a transition may be than on the host board, in microseconds. Between
-/// the body and its pins lies a millisecond, and pins turn by whole edges: what depends on the exact
-/// place of the robot may come in another of the interpreter's activations, 20 ms apart.
+/// the body and its pins lies a millisecond, and wheels turn by whole edges: what depends on the
+/// exact place of the robot may come in another activation of the interpreter, 20 ms apart.
 const MOST_APART_US: u64 = 200_000;
 
 /// Where traces of these tests are kept, to be looked at after a failure.
