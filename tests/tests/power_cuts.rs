@@ -8,15 +8,19 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
 use esm_link::message::{BankState, Mode, Source, Status, Swap};
-use esm_tests::command::{firmware, root};
+use esm_tests::command::{chip_firmware, firmware, root};
 use esm_tests::{environment, subject};
 use host_tools::boards;
 use host_tools::link_client::LinkClient;
+use host_tools::lockstep::line;
+use host_tools::lockstep::pace::Pace;
+use host_tools::lockstep::plant_side::PlantSide;
 use host_tools::plant::flash::{Flash, PowerCut, Tear};
+use host_tools::plant::{BodyParameters, Plant};
 use host_tools::qemu::{Emulator, Idle};
 use host_tools::serial::ByteLink;
 use host_tools::serial::pacing::Paced;
-use rt_firmware::body::flash::ERASE_BYTES;
+use host_tools::world::World;
 use rt_firmware::body::{Reply, Request, Sensors};
 use rt_firmware::store::flash_store::flash_bytes;
 
@@ -75,17 +79,63 @@ fn own() -> u32 {
     mission("missions/stand_by.esm").hash
 }
 
-/// Switches a robot on.
-fn start(flash: &Flash) -> (Emulator, Robot) {
-    let still = |request: &Request| Reply {
-        sequence: request.sequence,
-        sensors: Sensors::default(),
-    };
-    let mut emulator =
-        Emulator::start(&firmware("rover"), Idle::Passes, still, flash.clone()).unwrap();
-    let line: Box<dyn ByteLink> = Box::new(Paced::new(emulator.take_uart().unwrap(), BAUD));
-    let (robot, _) = LinkClient::connect(line).unwrap();
-    (emulator, robot)
+/// A board whose robots lose power.
+#[derive(Clone, Copy, Debug)]
+enum Board {
+    /// The default one, whose flash is the plant's.
+    Default,
+    /// A chip with a flash of its own.
+    Pico,
+}
+
+impl Board {
+    fn about(self) -> &'static boards::Board {
+        let name = match self {
+            Board::Default => boards::DEFAULT,
+            Board::Pico => "pico",
+        };
+        boards::find(name).unwrap()
+    }
+
+    /// A flash that nothing was kept in.
+    fn blank_flash(self) -> Flash {
+        let board = self.about();
+        let erase_bytes = board.firmware.unwrap().flash.erase_bytes;
+        Flash::blank(flash_bytes(board.capacities.blob_bytes, erase_bytes))
+    }
+
+    /// Switches a robot on; gives its line.
+    fn switch_on(self, flash: &Flash) -> (Emulator, Box<dyn ByteLink>) {
+        match self {
+            Board::Default => {
+                let still = |request: &Request| Reply {
+                    sequence: request.sequence,
+                    sensors: Sensors::default(),
+                };
+                let elf = firmware("rover");
+                let mut emulator =
+                    Emulator::start(&elf, Idle::Passes, still, flash.clone()).unwrap();
+                let line = Paced::new(emulator.take_uart().unwrap(), BAUD);
+                (emulator, Box::new(line))
+            }
+            Board::Pico => {
+                let world = World::parse(include_str!("../../missions/worlds/empty.world"));
+                let plant = Plant::new(world.unwrap(), BodyParameters::default(), 1).unwrap();
+                let plant = PlantSide::new(plant, Pace::new(false), None);
+                let (near, line) = line::pair();
+                let elf = chip_firmware("pico");
+                let emulator = Emulator::start_chip(self.about(), &elf, plant, flash.clone(), near);
+                (emulator.unwrap(), Box::new(line))
+            }
+        }
+    }
+
+    /// Switches a robot on, and speaks to it.
+    fn start(self, flash: &Flash) -> (Emulator, Robot) {
+        let (emulator, line) = self.switch_on(flash);
+        let (robot, _) = LinkClient::connect(line).unwrap();
+        (emulator, robot)
+    }
 }
 
 /// Uploads, and what follows. `due` is what was acknowledged up to where it came to.
@@ -131,9 +181,9 @@ fn settled(robot: &mut Robot) -> Status {
 }
 
 /// A robot that lost power: what it says, and that it takes the next mission.
-fn check(flash: &Flash, due: &Due, missions: &[Mission]) -> Result<(), String> {
+fn check(board: Board, flash: &Flash, due: &Due, missions: &[Mission]) -> Result<(), String> {
     flash.power_on();
-    let (_emulator, mut robot) = start(flash);
+    let (_emulator, mut robot) = board.start(flash);
     let status = settled(&mut robot);
     let kept = status.kept.ok_or("it keeps no missions")?;
     let told = format!("{:?} {:?} {kept:?}", status.mode, status.mission);
@@ -173,13 +223,12 @@ fn check(flash: &Flash, due: &Due, missions: &[Mission]) -> Result<(), String> {
 }
 
 /// Cuts power in each so-many-th operation of the history, in every way; returns how many times.
-fn cut_power(one_in: usize, tears: &[Tear]) -> usize {
+fn cut_power(board: Board, one_in: usize, tears: &[Tear]) -> usize {
     let missions = [
         mission("missions/follow_wall.esm"),
         mission("missions/watch_timing.esm"),
     ];
-    let bytes = boards::find("lm3s6965").unwrap().capacities.blob_bytes;
-    let flash = Flash::blank(flash_bytes(bytes, ERASE_BYTES as u32));
+    let flash = board.blank_flash();
     // A robot that never had a mission stands by.
     let mut due = Due(vec![own()]);
     // Each session as it goes when nothing is cut: where it starts, and how many operations it has.
@@ -188,7 +237,7 @@ fn cut_power(one_in: usize, tears: &[Tear]) -> usize {
         let before = (flash.copy(), due.clone());
         let first = flash.operations();
         let known = Mutex::new(due);
-        let (emulator, mut robot) = start(&flash);
+        let (emulator, mut robot) = board.start(&flash);
         live(session, &missions, &mut robot, &known).unwrap();
         drop(emulator);
         due = known.into_inner().unwrap();
@@ -210,12 +259,12 @@ fn cut_power(one_in: usize, tears: &[Tear]) -> usize {
             let flash = flash.copy();
             flash.cut_power(*cut);
             let due = Mutex::new(due.clone());
-            let is_cut = flash_is_cut(&flash, *session, &missions, &due);
+            let is_cut = flash_is_cut(board, &flash, *session, &missions, &due);
             if is_cut {
                 cuts.fetch_add(1, Relaxed);
             }
             let due = due.into_inner().unwrap();
-            if let Err(problem) = check(&flash, &due, &missions) {
+            if let Err(problem) = check(board, &flash, &due, &missions) {
                 (broken.lock().unwrap()).push(format!("{session:?}, {cut:?}: {problem}"));
             }
         }
@@ -236,14 +285,14 @@ fn cut_power(one_in: usize, tears: &[Tear]) -> usize {
 }
 
 /// Runs a session in which power is to be lost. The emulator is killed when it is.
-fn flash_is_cut(flash: &Flash, session: Session, missions: &[Mission], due: &Mutex<Due>) -> bool {
-    let still = |request: &Request| Reply {
-        sequence: request.sequence,
-        sensors: Sensors::default(),
-    };
-    let mut emulator =
-        Emulator::start(&firmware("rover"), Idle::Passes, still, flash.clone()).unwrap();
-    let line: Box<dyn ByteLink> = Box::new(Paced::new(emulator.take_uart().unwrap(), BAUD));
+fn flash_is_cut(
+    board: Board,
+    flash: &Flash,
+    session: Session,
+    missions: &[Mission],
+    due: &Mutex<Due>,
+) -> bool {
+    let (emulator, line) = board.switch_on(flash);
     std::thread::scope(|scope| {
         let host = scope.spawn(|| {
             let (mut robot, _) = LinkClient::connect(line).ok()?;
@@ -262,14 +311,27 @@ fn flash_is_cut(flash: &Flash, session: Session, missions: &[Mission], due: &Mut
     })
 }
 
+/// Cuts power, and says how often, and how long that took.
+fn cut_and_tell(board: Board, one_in: u64) -> usize {
+    let begun = Instant::now();
+    let cuts = cut_power(board, one_in as usize, &TEARS);
+    println!(
+        "{board:?}: {cuts} losses of power in {:.0} s",
+        begun.elapsed().as_secs_f32()
+    );
+    cuts
+}
+
 #[test]
 fn a_robot_that_loses_power_while_it_writes_its_flash_starts_again() {
     let one_in = environment::number("ESM_POWER_CUTS_ONE_IN", 41);
-    let begun = Instant::now();
-    let cuts = cut_power(one_in as usize, &TEARS);
-    println!(
-        "{cuts} losses of power in {:.0} s",
-        begun.elapsed().as_secs_f32()
-    );
+    let cuts = cut_and_tell(Board::Default, one_in);
+    assert!(cuts >= 10, "{cuts}");
+}
+
+#[test]
+fn a_pico_that_loses_power_while_it_writes_its_flash_starts_again() {
+    let one_in = environment::number("ESM_PICO_POWER_CUTS_ONE_IN", 260);
+    let cuts = cut_and_tell(Board::Pico, one_in);
     assert!(cuts >= 10, "{cuts}");
 }

@@ -192,10 +192,9 @@ class PwmInput:
 class Body:
     """The robot behind the pins."""
 
-    def __init__(self, chip, store):
+    def __init__(self, chip):
         self.chip = chip
         self.clock = chip.clock
-        self.store = store
         self.plant = Pipes("plant")
         self.pulses = Pipes("pulse")
         self.sequence = 0
@@ -234,7 +233,6 @@ class Body:
     def exchange_in_time(self):
         self.tick.schedule(STEP_US * 1000)
         self.exchange(0)
-        self.store.keep()
 
     def exchange(self, triggers):
         now = self.now_us()
@@ -306,11 +304,21 @@ class Store:
             self.cells += found
         self.place = slice(STORE_AT, STORE_AT + len(self.cells))
         chip.flash[self.place] = self.cells
+        # A command of the flash ends before the next one begins: so what is kept is kept in the
+        # order in which the firmware writes it.
+        chip.qspi[1].add_listener(self.selected)
+
+    def selected(self, state, _before):
+        if state == GPIOPinState.LOW:
+            self.keep()
 
     def ask(self, operation, offset, length, written, reply_bytes):
         self.pipes.requests.write(FLASH_REQUEST.pack(operation, offset, length) + written)
         status = self.pipes.read(1)[0]
         if status != 0:
+            if operation != self.READ:
+                # The power is lost.
+                raise EOFError
             return None
         return self.pipes.read(reply_bytes) if reply_bytes else b""
 
@@ -384,8 +392,8 @@ def main(firmware):
     chip.load_bootrom(BOOTROM_B1)
     chip.logger = ConsoleLogger(LogLevel.ERROR, False)
     load(chip, firmware)
-    store = Store(chip)
-    Body(chip, store)
+    Store(chip)
+    Body(chip)
     Line(chip)
 
     def reset():
