@@ -20,27 +20,29 @@
 
 mod activation;
 mod answers;
-mod background_runs;
 mod change;
-mod commands;
+pub(crate) mod commands;
 mod counters;
 mod due;
-mod execution;
+mod events;
+pub(crate) mod execution;
 mod health;
-mod heartbeats;
 mod limits;
+pub(crate) mod machine;
 pub mod mailbox;
 mod mission;
+pub(crate) mod observers;
 pub mod params;
-mod running;
+mod requests;
 mod safe_state;
+pub(crate) mod safety;
 pub(crate) mod slots;
 pub(crate) mod staging;
 mod state;
 pub(crate) mod tasks;
+pub(crate) mod timetable;
 pub(crate) mod trace;
 mod trial;
 
-pub use limits::Limits;
-pub(crate) use state::Parts;
-pub use state::{IDLE_POLL_US, RealTime};
+pub use limits::{IDLE_POLL_US, Limits};
+pub use state::RealTime;
