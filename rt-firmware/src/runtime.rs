@@ -232,6 +232,10 @@ pub fn split<
             memory.background_run.write(None),
             to_background,
             from_background,
+            match about.kept {
+                Some(kept) => kept.task(),
+                None => &memory.heartbeats.task,
+            },
         ),
         Safety::new(limits, &memory.heartbeats),
         Observers::new(

@@ -251,7 +251,7 @@ impl RealTime<'_, '_> {
 
     /// Prepares the first task of an activation. Where it cannot be executed, the activation is not
     /// looked up.
-    #[inline(never)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn prepare_first(&mut self, slot: usize, instance: u16) {
         let (t_us, robot_us) = self.timetable.times_of_next();
         let period_us = self.timetable.period_us(slot);

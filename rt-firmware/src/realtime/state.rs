@@ -10,11 +10,14 @@ use esm_link::message::Mode;
 
 /// The real-time side of a runtime. Each of its parts has fields of its own, which nobody else
 /// reaches into.
+// In this order: what each slot needs lies at the beginning, within reach of the instructions that
+// load two words at once.
+#[repr(C)]
 pub struct RealTime<'q, 'm> {
     pub(super) timetable: Timetable<'m>,
-    pub(super) machine: Machine<'q, 'm>,
-    pub(super) execution: Execution<'q, 'm>,
     pub(super) safety: Safety<'m>,
+    pub(super) execution: Execution<'q, 'm>,
+    pub(super) machine: Machine<'q, 'm>,
     pub(super) observers: Observers<'m>,
     pub(super) commands: Commands<'q, 'm>,
 }

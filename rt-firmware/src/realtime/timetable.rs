@@ -94,10 +94,10 @@ pub(crate) struct Timetable<'m> {
     dispatcher: &'m mut SlotQueue,
     next: Next,
     origin: Origin,
-    /// The mission's first macro step, which its own time is counted from, since the origin.
+    /// The mission's first macro step, since the origin.
     began_us: u64,
-    /// What the time of its tasks was then: 0, or what it was in the mission that it took over
-    /// from.
+    /// What the time of the mission's tasks would have been at the origin. It is 0 in its first
+    /// macro step, or what it was in the mission that it took over from.
     tasks_us: u64,
     /// Nominal start of the mission's last macro step, on the robot's clock; of the first one,
     /// before that.
@@ -144,7 +144,7 @@ impl<'m> Timetable<'m> {
         let follows = running.filter(|(_, before_us)| *before_us == period_us);
         self.origin = follows.map_or(at, |(origin, _)| origin);
         self.began_us = at.us - self.origin.us;
-        self.tasks_us = tasks_us;
+        self.tasks_us = tasks_us.wrapping_sub(self.began_us);
         self.step_us = at.us;
         self.activations = 0;
         // It was checked before that there is room for the slots, and verified that they have
@@ -224,7 +224,7 @@ impl<'m> Timetable<'m> {
 
     /// The time of the mission's tasks at a nominal start since the origin.
     pub(super) fn t_us(&self, start_us: u64) -> u64 {
-        self.tasks_us + start_us.saturating_sub(self.began_us)
+        start_us.max(self.began_us).wrapping_add(self.tasks_us)
     }
 
     /// The same on the robot's clock.
@@ -237,10 +237,10 @@ impl<'m> Timetable<'m> {
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn times_of_next(&self) -> (u64, u64) {
         let start_us = self.dispatcher.next().start_us;
-        let t_us = start_us
-            .wrapping_sub(self.began_us)
-            .wrapping_add(self.tasks_us);
-        (t_us, self.robot_us(start_us))
+        (
+            start_us.wrapping_add(self.tasks_us),
+            self.robot_us(start_us),
+        )
     }
 
     /// The time on the robot's clock at a nominal start since the origin.

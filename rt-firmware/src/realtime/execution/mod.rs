@@ -15,8 +15,8 @@ use super::slots::SlotEntry;
 use super::tasks::{self, Lists, NO_GROUP, NONE, TaskActivity, TaskEntry, TaskTable};
 use crate::board::{Board, ticks_between};
 use crate::ports::{BackgroundRun, Executor, Registry, StepOutput};
-use crate::retained_ram::RetainedRam;
 use crate::task::Step;
+use crate::task_word::TaskWord;
 use esm_link::message::SafeReason;
 
 /// Where a background run is put to be passed around.
@@ -32,6 +32,8 @@ pub(crate) struct Execution<'q, 'm> {
     from_background: Consumer<'q, RunPlace<'m>>,
     /// The task instance of the background run that is under way, if it belongs to this mission.
     running: Option<u16>,
+    /// Where it is written down which task is executed.
+    task_word: &'m TaskWord,
     /// The task instance that has said how many overruns in a row are allowed while it is enabled,
     /// and how many.
     supervisor: Option<(u16, u16)>,
@@ -56,6 +58,7 @@ impl<'q, 'm> Execution<'q, 'm> {
         background_run: RunPlace<'m>,
         to_background: Producer<'q, RunPlace<'m>>,
         from_background: Consumer<'q, RunPlace<'m>>,
+        task_word: &'m TaskWord,
     ) -> Self {
         Execution {
             executor,
@@ -63,6 +66,7 @@ impl<'q, 'm> Execution<'q, 'm> {
             background_run: Some(background_run),
             to_background,
             from_background,
+            task_word,
             running: None,
             supervisor: None,
             failure: None,
@@ -108,8 +112,10 @@ impl<'q, 'm> Execution<'q, 'm> {
     /// Counts an execution of a slot's tasks. False if it is not a usual one, and was not counted.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn count(&mut self, slot: usize, delay_ticks: u32, took_ticks: u32) -> bool {
-        let slot = self.tasks.lists.slots.get_mut(slot);
-        slot.is_none_or(|slot| slot.count(delay_ticks, took_ticks))
+        match self.tasks.lists.slots.get_mut(slot) {
+            Some(slot) => slot.count(delay_ticks, took_ticks),
+            None => true,
+        }
     }
 
     /// Counts one that is not usual. Answers the overruns in a row, if it is one.
@@ -248,7 +254,7 @@ impl<'q, 'm> Execution<'q, 'm> {
         let mut began_count = began_count;
         let mut instance = self.first;
         loop {
-            let step = self.run_task(instance, observers.kept());
+            let step = self.run_task(instance);
             let now_count = board.count();
             let took_ticks = ticks_between::<B>(began_count, now_count);
             began_count = now_count;
@@ -290,13 +296,10 @@ impl<'q, 'm> Execution<'q, 'm> {
     /// Executes the task that was prepared, and keeps which one that is for whoever ends the
     /// firmware meanwhile.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn run_task(&mut self, instance: u16, kept: Option<&RetainedRam>) -> Option<Step> {
-        let Some(kept) = kept else {
-            return self.executor.run();
-        };
-        kept.set_task(Some(instance));
+    fn run_task(&mut self, instance: u16) -> Option<Step> {
+        self.task_word.begin(instance);
         let step = self.executor.run();
-        kept.set_task(None);
+        self.task_word.end();
         step
     }
 
@@ -310,10 +313,10 @@ impl<'q, 'm> Execution<'q, 'm> {
         ) else {
             return false;
         };
-        self.executor.forget();
         if record.group != NO_GROUP
             && TaskTable::is_held_from(self.tasks.groups, record.group, instance)
         {
+            self.executor.forget();
             return false;
         }
         let inputs = self.executor.inputs();
