@@ -56,7 +56,7 @@ use crate::ports::{AnyTaskPool, BackgroundRun, Net, RegistryFault, assemble};
 use crate::realtime::commands::Commands;
 use crate::realtime::execution::Execution;
 use crate::realtime::machine::Machine;
-use crate::realtime::mailbox::{Command, Mailbox};
+use crate::realtime::mailbox::{Content, Mailbox};
 use crate::realtime::observers::Observers;
 use crate::realtime::safety::Safety;
 use crate::realtime::slots::SlotEntry;
@@ -110,7 +110,7 @@ pub struct Memory<
     /// This and the command are written when the runtime is made: so all of this is zeros before,
     /// and a static of it takes no flash.
     background_run: MaybeUninit<Option<BackgroundRun<'m>>>,
-    command: MaybeUninit<Command<'m>>,
+    command: MaybeUninit<Content<'m>>,
 }
 
 impl<
@@ -263,7 +263,7 @@ pub fn split<
             .map(|storage| Some(BlobBuffer::new(storage))),
         memories,
         upload: None,
-        command: Some(memory.command.write(Command::Empty)),
+        command: Some(memory.command.write(Content::Empty)),
         pending: None,
         place: Place::BEGINNING,
         stops_before: 0,

@@ -6,7 +6,7 @@ use esm_core::tables::Tables;
 use super::RealTime;
 use super::machine::Mission;
 use crate::features::PARAMS;
-use crate::realtime::mailbox::{Bytes, Command};
+use crate::realtime::mailbox::{Bytes, Command, Reply};
 use crate::task::MAX_DATA_PORTS;
 use esm_link::message::{LinkError, NO_STATE, TaskCounters};
 use esm_link::telemetry::Ask;
@@ -17,7 +17,7 @@ impl<'m> RealTime<'_, 'm> {
         &self,
         question: &Command<'m>,
         ticks_per_us: u32,
-    ) -> Result<Command<'m>, LinkError> {
+    ) -> Result<Reply<'m>, LinkError> {
         let mission = self.machine.mission().ok_or(LinkError::NoMission)?;
         match *question {
             Command::ReadBlob { offset } => Ok(blob_part(mission, offset)),
@@ -35,13 +35,13 @@ impl<'m> RealTime<'_, 'm> {
         mission: &Mission<'m>,
         slot: u8,
         ticks_per_us: u32,
-    ) -> Result<Command<'m>, LinkError> {
+    ) -> Result<Reply<'m>, LinkError> {
         let index = usize::from(slot);
         let slot = mission.tables().slot(index).ok_or(LinkError::NoSuchIndex)?;
         let entry = self.execution.slot(index).ok_or(LinkError::NoSuchIndex)?;
         let missed = self.timetable.missed(index);
         let counters = entry.counters(slot.number, missed, ticks_per_us);
-        Ok(Command::Slot(counters))
+        Ok(Reply::Slot(counters))
     }
 
     /// What was counted of a task instance.
@@ -49,12 +49,12 @@ impl<'m> RealTime<'_, 'm> {
         &self,
         mission: &Mission<'m>,
         task_instance: u16,
-    ) -> Result<Command<'m>, LinkError> {
+    ) -> Result<Reply<'m>, LinkError> {
         let index = usize::from(task_instance);
         if index >= mission.tables().task_instance_count() {
             return Err(LinkError::NoSuchIndex);
         }
-        Ok(Command::Task(TaskCounters {
+        Ok(Reply::Task(TaskCounters {
             enabled: mission.is_enabled(index),
             busy: mission.is_busy(index),
             overruns: self.execution.overruns(task_instance),
@@ -62,12 +62,12 @@ impl<'m> RealTime<'_, 'm> {
     }
 
     /// The value of a parameter.
-    fn param(&self, mission: u32, param: u16) -> Result<Command<'m>, LinkError> {
+    fn param(&self, mission: u32, param: u16) -> Result<Reply<'m>, LinkError> {
         let tables = self.machine.mission_of(mission)?.tables();
         let of_mission = tables
             .param(usize::from(param))
             .ok_or(LinkError::NoSuchIndex)?;
-        Ok(Command::Param {
+        Ok(Reply::Param {
             value: self.machine.params().get(param).unwrap_or(of_mission),
             of_mission,
             saved: self.machine.saved_of(mission).get(param),
@@ -81,14 +81,14 @@ impl<'m> RealTime<'_, 'm> {
         &mut self,
         number: u8,
         ask: &[u8],
-    ) -> Result<Command<'m>, LinkError> {
+    ) -> Result<Reply<'m>, LinkError> {
         let ask = Ask::of(ask)?;
         let (Ask::Fields { mission, .. } | Ask::Values { mission, .. }) = ask;
         let tables = self.machine.mission_of(mission)?.tables();
         match ask {
             Ask::Fields { net, offset, .. } => {
                 let text = self.fields(&tables, net).ok_or(LinkError::NoSuchIndex)?;
-                Ok(Command::Fields { text, offset })
+                Ok(Reply::Fields { text, offset })
             }
             Ask::Values {
                 period_ms, nets, ..
@@ -100,7 +100,7 @@ impl<'m> RealTime<'_, 'm> {
                 }
                 self.observers
                     .begin_samples(number, mission, period_ms, nets);
-                Ok(Command::ValuesWanted { number, mission })
+                Ok(Reply::ValuesWanted { number, mission })
             }
         }
     }
@@ -117,17 +117,17 @@ impl<'m> RealTime<'_, 'm> {
 }
 
 /// Bytes of a mission's blob.
-fn blob_part<'m>(mission: &Mission<'m>, offset: u32) -> Command<'m> {
+fn blob_part<'m>(mission: &Mission<'m>, offset: u32) -> Reply<'m> {
     let blob = mission.blob();
     let bytes = blob.get(offset as usize..).unwrap_or_default();
-    Command::Blob {
+    Reply::Blob {
         total: blob.len() as u32,
         bytes: Bytes::first_of(bytes),
     }
 }
 
 /// Current states of region instances, or none where a region is not active.
-fn states<'m>(mission: &Mission<'m>, first: u16) -> Command<'m> {
+fn states<'m>(mission: &Mission<'m>, first: u16) -> Reply<'m> {
     let mut bytes = Bytes::EMPTY;
     let total = mission.tables().region_instance_count();
     for region in usize::from(first)..total {
@@ -136,7 +136,7 @@ fn states<'m>(mission: &Mission<'m>, first: u16) -> Command<'m> {
             break;
         }
     }
-    Command::States {
+    Reply::States {
         step: mission.next_step(),
         total: total as u16,
         bytes,

@@ -10,7 +10,7 @@ use super::staging::StagedMission;
 use super::timetable::Origin;
 use crate::board::{Board, ticks};
 use crate::features::WARM;
-use crate::realtime::mailbox::Command;
+use crate::realtime::mailbox::{Command, Content, Reply};
 use esm_link::message::{LinkError, Mode, Swap};
 use esm_link::trial::FallBackReason;
 
@@ -37,37 +37,38 @@ impl<'m> RealTime<'_, 'm> {
             // Whatever waits comes after it, unless it is what was asked for.
             self.fall_back(reason, at);
             let is_asked = |command: &Command<'_>| matches!(command, Command::FallBack { .. });
-            if let Some(command) = self.commands.take_waiting_if(is_asked) {
-                *command = Command::Done;
-                self.answer_then(command);
+            if let Some(content) = self.commands.take_waiting_if(is_asked) {
+                *content = Content::Reply(Reply::Done);
+                self.answer_then(content);
             }
             return;
         }
-        let Some(command) = self.commands.take_waiting() else {
+        let Some(content) = self.commands.take_waiting() else {
             return;
         };
-        *command = match core::mem::replace(command, Command::Empty) {
-            Command::FallBack { .. } => {
+        let reply = match core::mem::replace(content, Content::Empty) {
+            Content::Command(Command::FallBack { .. }) => {
                 self.fall_back(FallBackReason::Asked, at);
-                Command::Done
+                Reply::Done
             }
-            Command::Swap {
+            Content::Command(Command::Swap {
                 mission,
                 swap,
                 saved,
-            } => {
+            }) => {
                 self.machine.save(&saved);
                 self.swap(mission, swap, at)
             }
             _ => self.start_anew(at),
         };
-        self.answer_then(command);
+        *content = Content::Reply(reply);
+        self.answer_then(content);
     }
 
     /// Switches to another mission.
     // Not inlined, as nothing here: no other mission should be made on top of this one.
     #[inline(never)]
-    fn swap(&mut self, new: StagedMission<'m>, swap: Swap, at: Origin) -> Command<'m> {
+    fn swap(&mut self, new: StagedMission<'m>, swap: Swap, at: Origin) -> Reply<'m> {
         let mission = new.mission().hash();
         // What failed or stands still has nothing to hand over.
         let warm = swap.warm && self.safety.is_running();
@@ -84,7 +85,7 @@ impl<'m> RealTime<'_, 'm> {
         } else if let Some(old) = old {
             self.machine.free(old, None);
         }
-        Command::Swapped {
+        Reply::Swapped {
             mission,
             on_trial,
             carried,
@@ -94,35 +95,35 @@ impl<'m> RealTime<'_, 'm> {
 
     /// Starts the present mission anew.
     #[inline(never)]
-    fn start_anew(&mut self, at: Origin) -> Command<'m> {
+    fn start_anew(&mut self, at: Origin) -> Reply<'m> {
         // It came while this waited.
         if self.safety.mode() == Mode::EmergencyStopped {
-            return Command::Failed(LinkError::EmergencyStopped);
+            return Reply::Failed(LinkError::EmergencyStopped);
         }
         let running = self.running();
         let Some(mission) = self.end_mission() else {
-            return Command::Failed(LinkError::NoMission);
+            return Reply::Failed(LinkError::NoMission);
         };
         self.safety.set_mode(Mode::Running);
         self.start_again(mission, running, at);
-        Command::Started
+        Reply::Started
     }
 
     /// Answers a command that has changed the mission when its first macro step begins: until then
     /// the one before runs, whatever was exchanged already.
-    fn answer_then(&mut self, command: &'m mut Command<'m>) {
+    fn answer_then(&mut self, content: &'m mut Content<'m>) {
         if WARM {
-            self.commands.answer_later(command);
+            self.commands.answer_later(content);
         } else {
             self.tell_health();
-            self.commands.send(command);
+            self.commands.send(content);
         }
     }
 
     pub(super) fn send_answered(&mut self) {
-        if WARM && let Some(command) = self.commands.take_answered() {
+        if WARM && let Some(content) = self.commands.take_answered() {
             self.tell_health();
-            self.commands.send(command);
+            self.commands.send(content);
         }
     }
 }

@@ -5,7 +5,7 @@
 
 use heapless::spsc::{Consumer, Producer};
 
-use super::mailbox::{Command, NO_DEADLINE, Posted};
+use super::mailbox::{Command, Content, NO_DEADLINE, Posted, Reply};
 use super::timetable::Origin;
 use crate::board::{Board, ticks};
 use crate::features::WARM;
@@ -14,12 +14,12 @@ use esm_link::message::LinkError;
 /// The command, wherever it is, and the queues that bring it and take it back.
 pub(crate) struct Commands<'q, 'm> {
     from_link: Consumer<'q, Posted<'m>>,
-    to_link: Producer<'q, &'m mut Command<'m>>,
+    to_link: Producer<'q, &'m mut Content<'m>>,
     /// A swap, a start, a fall-back or another value of a parameter, to be done at the
     /// interpreter's next activation.
-    waiting: Option<&'m mut Command<'m>>,
+    waiting: Option<&'m mut Content<'m>>,
     /// What is answered when the new mission begins.
-    answered: Option<&'m mut Command<'m>>,
+    answered: Option<&'m mut Content<'m>>,
     /// When it is too late for what waits, on the board's clock in microseconds.
     waiting_by_us: u64,
     /// When it came, in ticks.
@@ -29,7 +29,7 @@ pub(crate) struct Commands<'q, 'm> {
 impl<'q, 'm> Commands<'q, 'm> {
     pub(crate) fn new(
         from_link: Consumer<'q, Posted<'m>>,
-        to_link: Producer<'q, &'m mut Command<'m>>,
+        to_link: Producer<'q, &'m mut Content<'m>>,
     ) -> Self {
         Commands {
             from_link,
@@ -63,8 +63,8 @@ impl<'q, 'm> Commands<'q, 'm> {
     }
 
     /// Lets it wait for the interpreter's next activation.
-    pub(super) fn keep_waiting(&mut self, command: &'m mut Command<'m>) {
-        self.waiting = Some(command);
+    pub(super) fn keep_waiting(&mut self, content: &'m mut Content<'m>) {
+        self.waiting = Some(content);
     }
 
     /// Whether it waits.
@@ -77,18 +77,19 @@ impl<'q, 'm> Commands<'q, 'm> {
     /// for when that step is due waits for the one after it, for which there are `lead_ticks` to
     /// make it; where the step is late anyway, it comes with it.
     pub(super) fn changes_mission(&self, at: Origin, lead_ticks: u64) -> bool {
-        (self.waiting.as_ref()).is_some_and(|command| match &**command {
-            Command::SetParam { .. } => false,
-            Command::Swap { .. } if WARM => {
+        let waiting = self.waiting.as_ref();
+        match waiting.and_then(|content| content.command()) {
+            None | Some(Command::SetParam { .. }) => false,
+            Some(Command::Swap { .. }) if WARM => {
                 let due_ticks = self.waiting_since_ticks.checked_sub(at.ticks);
                 due_ticks.is_none_or(|due_ticks| due_ticks > lead_ticks)
             }
-            _ => true,
-        })
+            Some(_) => true,
+        }
     }
 
     /// Takes the one that waits.
-    pub(super) fn take_waiting(&mut self) -> Option<&'m mut Command<'m>> {
+    pub(super) fn take_waiting(&mut self) -> Option<&'m mut Content<'m>> {
         self.waiting.take()
     }
 
@@ -96,48 +97,49 @@ impl<'q, 'm> Commands<'q, 'm> {
     pub(super) fn take_waiting_if(
         &mut self,
         is_such: impl FnOnce(&Command<'m>) -> bool,
-    ) -> Option<&'m mut Command<'m>> {
-        self.waiting.take_if(|command| is_such(command))
+    ) -> Option<&'m mut Content<'m>> {
+        self.waiting
+            .take_if(|content| content.command().is_some_and(is_such))
     }
 
     /// Hands what waits back if it is too late for it now.
     #[inline(never)]
     pub(super) fn refuse_late<B: Board>(&mut self, now_ticks: u64) {
         if is_past::<B>(now_ticks, self.waiting_by_us)
-            && let Some(command) = self.waiting.take()
+            && let Some(content) = self.waiting.take()
         {
-            self.send(command);
+            self.send(content);
         }
     }
 
     /// A start that is under way does not come through.
     pub(super) fn refuse_start(&mut self) {
         let is_start = |command: &Command<'_>| matches!(command, Command::Start);
-        if let Some(command) = self.take_waiting_if(is_start) {
-            *command = Command::Failed(LinkError::StopCame);
-            self.send(command);
+        if let Some(content) = self.take_waiting_if(is_start) {
+            content.refuse(LinkError::StopCame);
+            self.send(content);
         }
-        if let Some(command) = &mut self.answered
-            && let Command::Started = **command
+        if let Some(content) = &mut self.answered
+            && let Content::Reply(Reply::Started) = **content
         {
-            **command = Command::Failed(LinkError::StopCame);
+            content.refuse(LinkError::StopCame);
         }
     }
 
     /// Keeps it until the new mission begins.
-    pub(super) fn answer_later(&mut self, command: &'m mut Command<'m>) {
-        self.answered = Some(command);
+    pub(super) fn answer_later(&mut self, content: &'m mut Content<'m>) {
+        self.answered = Some(content);
     }
 
     /// Takes the one that was kept until the new mission begins.
-    pub(super) fn take_answered(&mut self) -> Option<&'m mut Command<'m>> {
+    pub(super) fn take_answered(&mut self) -> Option<&'m mut Content<'m>> {
         self.answered.take()
     }
 
     /// Sends it back.
-    pub(super) fn send(&mut self, command: &'m mut Command<'m>) {
-        // There is one command, so that there is room for it.
-        let refused = self.to_link.enqueue(command);
+    pub(super) fn send(&mut self, content: &'m mut Content<'m>) {
+        // There is one place, so that there is room for it.
+        let refused = self.to_link.enqueue(content);
         debug_assert!(refused.is_ok());
     }
 }

@@ -95,10 +95,11 @@ impl RealTime<'_, '_> {
             };
             if PARAMS
                 && activation.interpreter
-                && let Some(command) = self.commands.take_waiting_if(Command::sets_param)
+                && let Some(content) = (self.commands)
+                    .take_waiting_if(|command| matches!(command, Command::SetParam { .. }))
             {
-                self.set_param(command);
-                self.commands.send(command);
+                self.set_param(content);
+                self.commands.send(content);
             }
             let start = self.timetable.at::<B>(activation.start_us);
             if activation.interpreter && self.changes_mission::<B>(start) {

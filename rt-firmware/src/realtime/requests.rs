@@ -7,7 +7,7 @@ use super::safe_state::is_stop_pressed;
 use super::{RealTime, params};
 use crate::board::Board;
 use crate::features::{PARAMS, TELEMETRY};
-use crate::realtime::mailbox::{Command, Posted};
+use crate::realtime::mailbox::{Command, Content, Posted, Reply};
 use esm_link::message::{LinkError, Mode};
 
 impl<'m> RealTime<'_, 'm> {
@@ -16,7 +16,7 @@ impl<'m> RealTime<'_, 'm> {
     #[inline(never)]
     pub(super) fn take_command<B: Board>(&mut self, board: &mut B) {
         let Some(Posted {
-            command,
+            content,
             by_us,
             stops,
         }) = self.commands.take()
@@ -26,17 +26,18 @@ impl<'m> RealTime<'_, 'm> {
         self.settle();
         let now_ticks = board.now_ticks();
         if self.commands.is_late::<B>(now_ticks, by_us) {
-            self.commands.send(command);
+            self.commands.send(content);
             return;
         }
-        match self.carry_out(board, command, stops) {
-            Some(answer) => {
-                *command = answer;
-                self.tell_health();
-                self.commands.send(command);
-            }
-            None => self.commands.keep_waiting(command),
+        if let Some(command) = content.command() {
+            let Some(reply) = self.carry_out(board, command, stops) else {
+                self.commands.keep_waiting(content);
+                return;
+            };
+            *content = Content::Reply(reply);
         }
+        self.tell_health();
+        self.commands.send(content);
     }
 
     /// Carries a command out that was sent when there had been so many wishes to stop. None if it
@@ -46,7 +47,7 @@ impl<'m> RealTime<'_, 'm> {
         board: &mut B,
         command: &Command<'m>,
         stops: u32,
-    ) -> Option<Command<'m>> {
+    ) -> Option<Reply<'m>> {
         let done = match *command {
             Command::Swap { .. } => return None,
             Command::FallBack { mission } if self.machine.is_on_trial(mission) => return None,
@@ -72,11 +73,11 @@ impl<'m> RealTime<'_, 'm> {
             Command::Release => self.release(board, stops),
             ref question => self.answer(question, B::TICKS_PER_US),
         };
-        Some(done.unwrap_or_else(Command::Failed))
+        Some(done.unwrap_or_else(Reply::Failed))
     }
 
     /// The mission on trial stays.
-    fn confirm(&mut self, mission: u32, again: bool) -> Result<Command<'m>, LinkError> {
+    fn confirm(&mut self, mission: u32, again: bool) -> Result<Reply<'m>, LinkError> {
         if !self.machine.is_on_trial(mission) && !(again && self.machine.stays(mission)) {
             return Err(LinkError::NotOnTrial);
         }
@@ -84,30 +85,30 @@ impl<'m> RealTime<'_, 'm> {
         if let Some(before) = before {
             self.machine.free(before, None);
         }
-        Ok(Command::Confirmed { mission })
+        Ok(Reply::Confirmed { mission })
     }
 
     /// What differs from the mission's values, to be saved.
-    fn read_changed(&self, mission: u32) -> Result<Command<'m>, LinkError> {
+    fn read_changed(&self, mission: u32) -> Result<Reply<'m>, LinkError> {
         // So that what the mission before starts with is what was saved for it.
         if self.machine.trial().is_some() {
             return Err(LinkError::OnTrial);
         }
         self.machine.mission_of(mission)?;
         let params = *self.machine.params();
-        Ok(Command::Changed(SavedParams::new(mission, params)))
+        Ok(Reply::Changed(SavedParams::new(mission, params)))
     }
 
     /// Values were saved: the mission starts with them from now on.
-    fn save_params(&mut self, saved: &SavedParams) -> Command<'m> {
+    fn save_params(&mut self, saved: &SavedParams) -> Reply<'m> {
         self.machine.save(saved);
-        Command::ParamsSaved {
+        Reply::ParamsSaved {
             count: self.machine.saved_len(),
         }
     }
 
     /// Starts the mission anew, which waits, or says why not.
-    fn start(&mut self, stops: u32) -> Option<Result<Command<'m>, LinkError>> {
+    fn start(&mut self, stops: u32) -> Option<Result<Reply<'m>, LinkError>> {
         // Latched by the link, and not looked at in a slot yet.
         if self.safety.is_latched() {
             return Some(Err(LinkError::EmergencyStopped));
@@ -117,18 +118,18 @@ impl<'m> RealTime<'_, 'm> {
             return Some(Err(LinkError::StopCame));
         }
         match (self.safety.mode(), self.machine.mission()) {
-            (Mode::Running, _) => Some(Ok(Command::Done)),
+            (Mode::Running, _) => Some(Ok(Reply::Done)),
             (Mode::EmergencyStopped, _) => Some(Err(LinkError::EmergencyStopped)),
             (_, None) => {
                 self.safety.set_mode(Mode::Empty);
-                Some(Ok(Command::Done))
+                Some(Ok(Reply::Done))
             }
             (_, Some(_)) => None,
         }
     }
 
     /// Ends the emergency stop.
-    fn release<B: Board>(&mut self, board: &mut B, stops: u32) -> Result<Command<'m>, LinkError> {
+    fn release<B: Board>(&mut self, board: &mut B, stops: u32) -> Result<Reply<'m>, LinkError> {
         // A stop that came behind it goes on.
         if self.safety.is_overtaken(stops) || is_stop_pressed(board) {
             return Err(LinkError::EmergencyStopped);
@@ -143,7 +144,7 @@ impl<'m> RealTime<'_, 'm> {
             self.safety.latch_again(self.observers.kept());
             return Err(LinkError::EmergencyStopped);
         }
-        Ok(Command::Released)
+        Ok(Reply::Released)
     }
 
     /// Whether a parameter can be given this value.
@@ -160,18 +161,18 @@ impl<'m> RealTime<'_, 'm> {
     /// meanwhile, nothing is done.
     // Not inlined: no task should run on top of what this needs of the stack.
     #[inline(never)]
-    pub(super) fn set_param(&mut self, command: &mut Command<'_>) {
-        let Command::SetParam {
+    pub(super) fn set_param(&mut self, content: &mut Content<'_>) {
+        let Some(&Command::SetParam {
             mission,
             param,
             value,
-        } = *command
+        }) = content.command()
         else {
             return;
         };
-        *command = match self.machine.set_param(mission, param, value) {
-            Ok(before) => Command::ParamSet { before },
-            Err(error) => Command::Failed(error),
-        };
+        *content = Content::Reply(match self.machine.set_param(mission, param, value) {
+            Ok(before) => Reply::ParamSet { before },
+            Err(error) => Reply::Failed(error),
+        });
     }
 }
