@@ -13,65 +13,58 @@ use esm_link::telemetry::Ask;
 
 impl<'m> RealTime<'_, 'm> {
     /// Answers a question about the mission.
-    pub(super) fn answer(
-        &self,
-        question: &Command<'m>,
-        ticks_per_us: u32,
-    ) -> Result<Reply<'m>, LinkError> {
-        let mission = self.machine.mission().ok_or(LinkError::NoMission)?;
+    pub(super) fn answer(&self, question: &Command<'m>, ticks_per_us: u32) -> Reply<'m> {
+        let Some(mission) = self.machine.mission() else {
+            return Reply::Failed(LinkError::NoMission);
+        };
         match *question {
-            Command::ReadBlob { offset } => Ok(blob_part(mission, offset)),
-            Command::ReadStates { first } => Ok(states(mission, first)),
+            Command::ReadBlob { offset } => blob_part(mission, offset),
+            Command::ReadStates { first } => states(mission, first),
             Command::ReadSlot { slot } => self.slot_counters(mission, slot, ticks_per_us),
             Command::ReadTask { task_instance } => self.task_counters(mission, task_instance),
             Command::ReadParam { mission, param } if PARAMS => self.param(mission, param),
-            _ => Err(LinkError::NoSuchIndex),
+            _ => Reply::Failed(LinkError::NoSuchIndex),
         }
     }
 
     /// What was counted of a slot.
-    fn slot_counters(
-        &self,
-        mission: &Mission<'m>,
-        slot: u8,
-        ticks_per_us: u32,
-    ) -> Result<Reply<'m>, LinkError> {
+    fn slot_counters(&self, mission: &Mission<'m>, slot: u8, ticks_per_us: u32) -> Reply<'m> {
         let index = usize::from(slot);
-        let slot = mission.tables().slot(index).ok_or(LinkError::NoSuchIndex)?;
-        let entry = self.execution.slot(index).ok_or(LinkError::NoSuchIndex)?;
-        let missed = self.timetable.missed(index);
-        let counters = entry.counters(slot.number, missed, ticks_per_us);
-        Ok(Reply::Slot(counters))
+        match (mission.tables().slot(index), self.execution.slot(index)) {
+            (Some(slot), Some(entry)) => {
+                Reply::Slot(entry.counters(slot.number, self.timetable.missed(index), ticks_per_us))
+            }
+            _ => Reply::Failed(LinkError::NoSuchIndex),
+        }
     }
 
     /// What was counted of a task instance.
-    fn task_counters(
-        &self,
-        mission: &Mission<'m>,
-        task_instance: u16,
-    ) -> Result<Reply<'m>, LinkError> {
+    fn task_counters(&self, mission: &Mission<'m>, task_instance: u16) -> Reply<'m> {
         let index = usize::from(task_instance);
         if index >= mission.tables().task_instance_count() {
-            return Err(LinkError::NoSuchIndex);
+            return Reply::Failed(LinkError::NoSuchIndex);
         }
-        Ok(Reply::Task(TaskCounters {
+        Reply::Task(TaskCounters {
             enabled: mission.is_enabled(index),
             busy: mission.is_busy(index),
             overruns: self.execution.overruns(task_instance),
-        }))
+        })
     }
 
     /// The value of a parameter.
-    fn param(&self, mission: u32, param: u16) -> Result<Reply<'m>, LinkError> {
-        let tables = self.machine.mission_of(mission)?.tables();
-        let of_mission = tables
-            .param(usize::from(param))
-            .ok_or(LinkError::NoSuchIndex)?;
-        Ok(Reply::Param {
-            value: self.machine.params().get(param).unwrap_or(of_mission),
-            of_mission,
-            saved: self.machine.saved_of(mission).get(param),
-        })
+    fn param(&self, mission: u32, param: u16) -> Reply<'m> {
+        let tables = match self.machine.mission_of(mission) {
+            Ok(mission) => mission.tables(),
+            Err(error) => return Reply::Failed(error),
+        };
+        match tables.param(usize::from(param)) {
+            Some(of_mission) => Reply::Param {
+                value: self.machine.params().get(param).unwrap_or(of_mission),
+                of_mission,
+                saved: self.machine.saved_of(mission).get(param),
+            },
+            None => Reply::Failed(LinkError::NoSuchIndex),
+        }
     }
 
     /// Lets samples of values be taken from the next macro step on, or tells what values are made

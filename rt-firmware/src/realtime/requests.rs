@@ -30,73 +30,77 @@ impl<'m> RealTime<'_, 'm> {
             return;
         }
         if let Some(command) = content.command() {
-            let Some(reply) = self.carry_out(board, command, stops) else {
-                self.commands.keep_waiting(content);
-                return;
-            };
-            *content = Content::Reply(reply);
+            *content = Content::Reply(match self.waits(command, stops) {
+                Ok(true) => {
+                    self.commands.keep_waiting(content);
+                    return;
+                }
+                Ok(false) => self.carry_out(board, command, stops),
+                Err(error) => Reply::Failed(error),
+            });
         }
         self.tell_health();
         self.commands.send(content);
     }
 
-    /// Carries a command out that was sent when there had been so many wishes to stop. None if it
-    /// waits.
+    /// Whether a command waits for the interpreter's next activation that was sent when there had
+    /// been so many wishes to stop.
+    fn waits(&mut self, command: &Command<'m>, stops: u32) -> Result<bool, LinkError> {
+        match *command {
+            Command::Swap { .. } => Ok(true),
+            Command::FallBack { mission } if self.machine.is_on_trial(mission) => Ok(true),
+            Command::FallBack { .. } => Err(LinkError::NotOnTrial),
+            Command::SetParam {
+                mission,
+                param,
+                value,
+            } if PARAMS => self.check_param(mission, param, value).map(|()| true),
+            Command::Start => self.may_start(stops),
+            _ => Ok(false),
+        }
+    }
+
+    /// Carries a command out at once.
     fn carry_out<B: Board>(
         &mut self,
         board: &mut B,
         command: &Command<'m>,
         stops: u32,
-    ) -> Option<Reply<'m>> {
-        let done = match *command {
-            Command::Swap { .. } => return None,
-            Command::FallBack { mission } if self.machine.is_on_trial(mission) => return None,
-            Command::FallBack { .. } => Err(LinkError::NotOnTrial),
+    ) -> Reply<'m> {
+        match *command {
             Command::Confirm { mission, again } => self.confirm(mission, again),
-            Command::SetParam {
-                mission,
-                param,
-                value,
-            } if PARAMS => match self.check_param(mission, param, value) {
-                Ok(()) => return None,
-                Err(error) => Err(error),
-            },
             Command::ReadChanged { mission } if PARAMS => self.read_changed(mission),
-            Command::Saved(ref saved) if PARAMS => Ok(self.save_params(saved)),
+            Command::Saved(ref saved) if PARAMS => self.save_params(saved),
             Command::AskValues { number, ref ask } if TELEMETRY => {
-                self.answer_of_values(number, ask.as_slice())
+                let answer = self.answer_of_values(number, ask.as_slice());
+                answer.unwrap_or_else(Reply::Failed)
             }
-            Command::Start => match self.start(stops) {
-                Some(done) => done,
-                None => return None,
-            },
+            Command::Start => Reply::Done,
             Command::Release => self.release(board, stops),
             ref question => self.answer(question, B::TICKS_PER_US),
-        };
-        Some(done.unwrap_or_else(Reply::Failed))
+        }
     }
 
     /// The mission on trial stays.
-    fn confirm(&mut self, mission: u32, again: bool) -> Result<Reply<'m>, LinkError> {
+    fn confirm(&mut self, mission: u32, again: bool) -> Reply<'m> {
         if !self.machine.is_on_trial(mission) && !(again && self.machine.stays(mission)) {
-            return Err(LinkError::NotOnTrial);
+            return Reply::Failed(LinkError::NotOnTrial);
         }
         let before = self.machine.end_trial().and_then(|trial| trial.before);
         if let Some(before) = before {
             self.machine.free(before, None);
         }
-        Ok(Reply::Confirmed { mission })
+        Reply::Confirmed { mission }
     }
 
     /// What differs from the mission's values, to be saved.
-    fn read_changed(&self, mission: u32) -> Result<Reply<'m>, LinkError> {
-        // So that what the mission before starts with is what was saved for it.
-        if self.machine.trial().is_some() {
-            return Err(LinkError::OnTrial);
+    fn read_changed(&self, mission: u32) -> Reply<'m> {
+        match (self.machine.trial(), self.machine.mission_of(mission)) {
+            // So that what the mission before starts with is what was saved for it.
+            (Some(_), _) => Reply::Failed(LinkError::OnTrial),
+            (None, Ok(_)) => Reply::Changed(SavedParams::new(mission, *self.machine.params())),
+            (None, Err(error)) => Reply::Failed(error),
         }
-        self.machine.mission_of(mission)?;
-        let params = *self.machine.params();
-        Ok(Reply::Changed(SavedParams::new(mission, params)))
     }
 
     /// Values were saved: the mission starts with them from now on.
@@ -107,32 +111,32 @@ impl<'m> RealTime<'_, 'm> {
         }
     }
 
-    /// Starts the mission anew, which waits, or says why not.
-    fn start(&mut self, stops: u32) -> Option<Result<Reply<'m>, LinkError>> {
+    /// Whether the mission starts anew, which waits. It need not where it runs, or is not there.
+    fn may_start(&mut self, stops: u32) -> Result<bool, LinkError> {
         // Latched by the link, and not looked at in a slot yet.
         if self.safety.is_latched() {
-            return Some(Err(LinkError::EmergencyStopped));
+            return Err(LinkError::EmergencyStopped);
         }
         // It is older than a stop that has come meanwhile.
         if self.safety.is_overtaken(stops) {
-            return Some(Err(LinkError::StopCame));
+            return Err(LinkError::StopCame);
         }
         match (self.safety.mode(), self.machine.mission()) {
-            (Mode::Running, _) => Some(Ok(Reply::Done)),
-            (Mode::EmergencyStopped, _) => Some(Err(LinkError::EmergencyStopped)),
+            (Mode::Running, _) => Ok(false),
+            (Mode::EmergencyStopped, _) => Err(LinkError::EmergencyStopped),
             (_, None) => {
                 self.safety.set_mode(Mode::Empty);
-                Some(Ok(Reply::Done))
+                Ok(false)
             }
-            (_, Some(_)) => None,
+            (_, Some(_)) => Ok(true),
         }
     }
 
     /// Ends the emergency stop.
-    fn release<B: Board>(&mut self, board: &mut B, stops: u32) -> Result<Reply<'m>, LinkError> {
+    fn release<B: Board>(&mut self, board: &mut B, stops: u32) -> Reply<'m> {
         // A stop that came behind it goes on.
         if self.safety.is_overtaken(stops) || is_stop_pressed(board) {
-            return Err(LinkError::EmergencyStopped);
+            return Reply::Failed(LinkError::EmergencyStopped);
         }
         let was_stopped = self.safety.release();
         self.observers.keep_emergency_stop(false);
@@ -142,9 +146,9 @@ impl<'m> RealTime<'_, 'm> {
         if self.safety.is_overtaken(stops) {
             // It came while this was done.
             self.safety.latch_again(self.observers.kept());
-            return Err(LinkError::EmergencyStopped);
+            return Reply::Failed(LinkError::EmergencyStopped);
         }
-        Ok(Reply::Released)
+        Reply::Released
     }
 
     /// Whether a parameter can be given this value.
