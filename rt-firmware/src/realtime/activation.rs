@@ -65,13 +65,11 @@ impl RealTime<'_, '_> {
     /// Executes the tasks of an activation that was looked up.
     #[cfg_attr(feature = "speed", inline(always))]
     fn execute_near<B: Board>(&mut self, board: &mut B, began_count: u32) {
-        let timetable = &self.timetable;
         let around = Around {
             machine: &mut self.machine,
             observers: &mut self.observers,
         };
-        let slot = || timetable.next().slot;
-        (self.execution).execute_tasks(board, around, began_count, slot);
+        self.execution.execute_tasks(board, around, began_count);
         // A background run may lack what a task has just published.
         if self.execution.is_more_to_do() {
             self.safety.call();
@@ -255,7 +253,7 @@ impl RealTime<'_, '_> {
     fn prepare_first(&mut self, slot: usize, instance: u16) {
         let (t_us, robot_us) = self.timetable.times_of_next();
         let period_us = self.timetable.period_us(slot);
-        self.execution.begin(t_us, robot_us, period_us);
+        self.execution.begin(slot, t_us, robot_us, period_us);
         if !self.execution.prepare_first(instance, &self.machine) {
             self.timetable.pass_over_next();
         }
@@ -323,7 +321,8 @@ impl RealTime<'_, '_> {
     fn execute_slot<B: Board>(&mut self, board: &mut B, activation: &Activation, robot_us: u64) {
         let t_us = self.timetable.t_us(activation.start_us);
         let period_us = self.timetable.period_us(activation.slot);
-        self.execution.begin(t_us, robot_us, period_us);
+        self.execution
+            .begin(activation.slot, t_us, robot_us, period_us);
         let now_ticks = board.now_low_ticks();
         let first = self.first_enabled(activation.slot);
         if first != NONE {
@@ -332,8 +331,7 @@ impl RealTime<'_, '_> {
                 machine: &mut self.machine,
                 observers: &mut self.observers,
             };
-            let slot = || activation.slot;
-            (self.execution).execute_tasks(board, around, now_ticks, slot);
+            self.execution.execute_tasks(board, around, now_ticks);
         }
         if self.execution.may_start_run() {
             self.start_run(activation.start_us, activation.number);

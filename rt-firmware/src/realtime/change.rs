@@ -26,7 +26,7 @@ pub(super) fn lead_ticks<B: Board>() -> u64 {
 impl<'m> RealTime<'_, 'm> {
     /// Whether a macro step at this time is the first of another mission, or of this one anew.
     pub(super) fn changes_mission<B: Board>(&self, at: Origin) -> bool {
-        self.commands.changes_mission(at, lead_ticks::<B>())
+        self.commands.changes_mission(at.ticks, lead_ticks::<B>())
             || self.machine.trial_end(at.us).is_some()
     }
 

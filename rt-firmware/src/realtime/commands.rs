@@ -6,7 +6,6 @@
 use heapless::spsc::{Consumer, Producer};
 
 use super::mailbox::{Command, Content, NO_DEADLINE, Posted, Reply};
-use super::timetable::Origin;
 use crate::board::{Board, ticks};
 use crate::features::WARM;
 use esm_link::message::LinkError;
@@ -76,12 +75,12 @@ impl<'q, 'm> Commands<'q, 'm> {
     /// Whether it waits, and changes the mission at a macro step at this time. A swap that is asked
     /// for when that step is due waits for the one after it, for which there are `lead_ticks` to
     /// make it; where the step is late anyway, it comes with it.
-    pub(super) fn changes_mission(&self, at: Origin, lead_ticks: u64) -> bool {
+    pub(super) fn changes_mission(&self, at_ticks: u64, lead_ticks: u64) -> bool {
         let waiting = self.waiting.as_ref();
         match waiting.and_then(|content| content.command()) {
             None | Some(Command::SetParam { .. }) => false,
             Some(Command::Swap { .. }) if WARM => {
-                let due_ticks = self.waiting_since_ticks.checked_sub(at.ticks);
+                let due_ticks = self.waiting_since_ticks.checked_sub(at_ticks);
                 due_ticks.is_none_or(|due_ticks| due_ticks > lead_ticks)
             }
             Some(_) => true,

@@ -41,6 +41,8 @@ pub(crate) struct Execution<'q, 'm> {
     failure: Option<SafeReason>,
     /// The first task instance of the next activation, which was prepared; where one was.
     first: u16,
+    /// Duration of the slot whose activation has begun, in microseconds.
+    duration_us: u32,
     /// Tasks were executed, after which a background run may begin or the robot may have to stop.
     has_executed: bool,
 }
@@ -71,6 +73,7 @@ impl<'q, 'm> Execution<'q, 'm> {
             supervisor: None,
             failure: None,
             first: NONE,
+            duration_us: 0,
             has_executed: false,
         }
     }
@@ -216,7 +219,8 @@ impl<'q, 'm> Execution<'q, 'm> {
     /// Begins an activation of a slot with this period, at these times of the mission's tasks and
     /// the robot.
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn begin(&mut self, t_us: u64, robot_us: u64, period_us: u32) {
+    pub(super) fn begin(&mut self, slot: usize, t_us: u64, robot_us: u64, period_us: u32) {
+        self.duration_us = self.duration_us(slot);
         self.executor.begin(t_us, robot_us, period_us);
     }
 
@@ -248,7 +252,6 @@ impl<'q, 'm> Execution<'q, 'm> {
         board: &mut B,
         around: Around<'_, '_, 'm>,
         began_count: u32,
-        slot: impl Fn() -> usize,
     ) {
         let Around { machine, observers } = around;
         let mut began_count = began_count;
@@ -259,11 +262,9 @@ impl<'q, 'm> Execution<'q, 'm> {
             let took_ticks = ticks_between::<B>(began_count, now_count);
             began_count = now_count;
             let next = self.end_task(instance, step, machine, observers);
-            // Not before the step: each instruction there makes it later.
-            let duration_us = self.duration_us(slot());
-            let duration_ticks = duration_us.saturating_mul(B::TICKS_PER_US);
+            let duration_ticks = self.duration_us.saturating_mul(B::TICKS_PER_US);
             if took_ticks > duration_ticks && step.is_some() {
-                self.note_overrun::<B>(instance, took_ticks, duration_us, observers);
+                self.note_overrun::<B>(instance, took_ticks, observers);
             }
             // As a rule there is one.
             if next == NONE {
@@ -390,7 +391,6 @@ impl<'q, 'm> Execution<'q, 'm> {
         &mut self,
         instance: u16,
         took_ticks: u32,
-        duration_us: u32,
         observers: &mut Observers<'m>,
     ) {
         self.tasks.overrun(instance);
@@ -398,7 +398,10 @@ impl<'q, 'm> Execution<'q, 'm> {
             task_instance: instance,
             took_us: took_ticks / B::TICKS_PER_US.max(1),
         };
-        observers.tell(self.executor.robot_us() + u64::from(duration_us), event);
+        observers.tell(
+            self.executor.robot_us() + u64::from(self.duration_us),
+            event,
+        );
     }
 }
 
