@@ -114,7 +114,7 @@ impl<'m> RealTime<'_, 'm> {
     /// Whether the mission starts anew, which waits. It need not where it runs, or is not there.
     fn may_start(&mut self, stops: u32) -> Result<bool, LinkError> {
         // Latched by the link, and not looked at in a slot yet.
-        if self.safety.is_latched() {
+        if self.safety.is_emergency_latched() {
             return Err(LinkError::EmergencyStopped);
         }
         // It is older than a stop that has come meanwhile.

@@ -47,7 +47,7 @@ impl RealTime<'_, '_> {
     pub(super) fn look_for_stops<B: Board>(&mut self, board: &mut B) {
         let is_called = self.safety.take_stop_call();
         if self.safety.mode() != Mode::EmergencyStopped
-            && (self.safety.is_latched() || is_stop_pressed(board))
+            && (self.safety.is_emergency_latched() || is_stop_pressed(board))
         {
             self.stop_for_emergency(board);
         }

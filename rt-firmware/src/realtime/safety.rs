@@ -118,7 +118,7 @@ impl<'m> Safety<'m> {
     }
 
     /// Whether an emergency stop is latched, also where no slot has looked yet.
-    pub(super) fn is_latched(&self) -> bool {
+    pub(super) fn is_emergency_latched(&self) -> bool {
         self.heartbeats.is_emergency_stopped()
     }
 
