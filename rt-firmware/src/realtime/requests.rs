@@ -83,7 +83,8 @@ impl<'m> RealTime<'_, 'm> {
 
     /// The mission on trial stays.
     fn confirm(&mut self, mission: u32, again: bool) -> Reply<'m> {
-        if !self.machine.is_on_trial(mission) && !(again && self.machine.stays(mission)) {
+        let is_meant = self.machine.is_on_trial(mission) || again && self.machine.stays(mission);
+        if !is_meant {
             return Reply::Failed(LinkError::NotOnTrial);
         }
         let before = self.machine.end_trial().and_then(|trial| trial.before);
