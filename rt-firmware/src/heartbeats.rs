@@ -7,6 +7,7 @@ use core::sync::atomic::{
 
 use crate::signal::Signal;
 use crate::stops::Stops;
+use crate::task_word::TaskWord;
 
 /// What sides that are not the real-time side show of themselves.
 pub(crate) struct Heartbeats {
@@ -36,6 +37,9 @@ pub(crate) struct Heartbeats {
     pub(crate) stop_pressed: AtomicBool,
     /// The link prepares a mission, or has asked for one to take over.
     pub(crate) mission_is_coming: AtomicBool,
+    /// The task that is executed, where no RAM outlasts a reset: so slots write it down without a
+    /// question.
+    pub(crate) task: TaskWord,
 }
 
 impl Heartbeats {
@@ -53,6 +57,7 @@ impl Heartbeats {
             emergency_stop: AtomicBool::new(false),
             stop_pressed: AtomicBool::new(false),
             mission_is_coming: AtomicBool::new(false),
+            task: TaskWord::new(),
         }
     }
 

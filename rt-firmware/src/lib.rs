@@ -60,6 +60,7 @@ mod stops;
 pub mod store;
 pub mod supervision;
 pub mod task;
+mod task_word;
 pub mod tasks;
 mod telemetry;
 

@@ -14,6 +14,7 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use crate::black_box::BlackBox;
 use crate::supervision::BACKGROUND_BOUND_US;
+use crate::task_word::{NO_TASK, TaskWord};
 use esm_link::black_box::Event;
 use esm_link::frame::checksum;
 use esm_link::message::{CoreFault, CrashReport, MAX_PLACE_BYTES, ResetReason, Silent};
@@ -39,8 +40,6 @@ const RELEASED: u32 = 0x52D1_3A9C;
 const LATCHED: u32 = !RELEASED;
 /// Allowances for erases of the flash.
 pub(crate) const ALLOWANCES: usize = 3;
-/// No task is executed.
-const NO_TASK: u32 = u32::MAX;
 
 /// What a board knows of its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,8 +95,8 @@ pub struct RetainedRam {
     report: [AtomicU32; REPORT_WORDS],
     /// Whether the report is of the run of the firmware that has just ended.
     is_news: AtomicU32,
-    /// The task instance that is executed by a slot, or [`NO_TASK`].
-    task: AtomicU32,
+    /// The task instance that is executed by a slot.
+    task: TaskWord,
     /// Who was silent for so long that the watchdog is fed no more, by its number.
     silent: AtomicU32,
     /// Starts after a watchdog, a panic or a fault, one after another, none of which lasted for
@@ -127,7 +126,7 @@ impl RetainedRam {
             mark: AtomicU32::new(0),
             report: [const { AtomicU32::new(0) }; REPORT_WORDS],
             is_news: AtomicU32::new(0),
-            task: AtomicU32::new(0),
+            task: TaskWord::new(),
             silent: AtomicU32::new(0),
             bad_starts: AtomicU32::new(0),
             alive_us: [const { AtomicU32::new(0) }; 2],
@@ -194,7 +193,7 @@ impl RetainedRam {
         self.bad_starts.store(bad_starts, Relaxed);
         self.is_news.store(0, Relaxed);
         self.silent.store(0, Relaxed);
-        self.task.store(NO_TASK, Relaxed);
+        self.task.end();
         self.set_alive(0);
         self.mark.store(MARK, Relaxed);
         self.black_box.record(0, Event::Started(reason));
@@ -203,7 +202,7 @@ impl RetainedRam {
 
     /// The firmware ends. To be called once, by the one that never returns; the reset follows.
     pub fn end(&self, ending: &CrashCause<'_>) {
-        let task = self.task.load(Relaxed);
+        let task = self.task.under_way();
         let (file, line) = match *ending {
             CrashCause::Panic { file, line } => (file, line),
             _ => ("", 0),
@@ -211,7 +210,7 @@ impl RetainedRam {
         let words = CrashReport {
             reason: ending.reason(),
             after_us: self.alive_us(),
-            task: u16::try_from(task).ok(),
+            task,
             line,
             fault: match ending {
                 CrashCause::Fault(fault) => *fault,
@@ -277,11 +276,9 @@ impl RetainedRam {
         ))
     }
 
-    /// A slot begins with this task, or is done with it.
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(crate) fn set_task(&self, task_instance: Option<u16>) {
-        self.task
-            .store(task_instance.map_or(NO_TASK, u32::from), Relaxed);
+    /// Where the real-time side writes down which task is under way.
+    pub(crate) fn task(&self) -> &TaskWord {
+        &self.task
     }
 
     /// The robot has come this far.
@@ -464,7 +461,7 @@ mod tests {
                 CoreFault::default(),
             ),
         ] {
-            kept.set_task(Some(5));
+            kept.task().begin(5);
             kept.set_alive(1 << 33 | 4);
             kept.end(&ending);
             // The chip calls it a reset by software: what the firmware said comes first.

@@ -53,12 +53,18 @@ use crate::features::MISSIONS;
 use crate::heartbeats::Heartbeats;
 use crate::link::device::{LinkSide, RequestHandler};
 use crate::ports::{AnyTaskPool, BackgroundRun, Net, RegistryFault, assemble};
-use crate::realtime::mailbox::{Command, Mailbox};
+use crate::realtime::commands::Commands;
+use crate::realtime::execution::Execution;
+use crate::realtime::machine::Machine;
+use crate::realtime::mailbox::{Content, Mailbox};
+use crate::realtime::observers::Observers;
+use crate::realtime::safety::Safety;
 use crate::realtime::slots::SlotEntry;
 use crate::realtime::staging::{MissionMemories, MissionMemory};
 use crate::realtime::tasks::{Group, Lists, NO_GROUP, NONE, TaskEntry, TaskTable};
+use crate::realtime::timetable::Timetable;
 use crate::realtime::trace::Trace;
-use crate::realtime::{Limits, Parts, RealTime};
+use crate::realtime::{Limits, RealTime};
 use crate::recorder::RecorderMemory;
 use crate::retained_ram::RetainedRam;
 use crate::ring::Ring;
@@ -104,7 +110,7 @@ pub struct Memory<
     /// This and the command are written when the runtime is made: so all of this is zeros before,
     /// and a static of it takes no flash.
     background_run: MaybeUninit<Option<BackgroundRun<'m>>>,
-    command: MaybeUninit<Command<'m>>,
+    command: MaybeUninit<Content<'m>>,
 }
 
 impl<
@@ -217,25 +223,30 @@ pub fn split<
     });
     let pairs = memory.pairs.as_flattened_mut().as_flattened_mut();
     let (memories, own) = MissionMemories::new(memories, pairs);
-    let real_time = RealTime::new(Parts {
-        executor,
-        dispatcher: &mut memory.dispatcher,
-        own,
-        tasks: TaskTable::new(&mut memory.groups),
-        limits,
-        background_run: memory.background_run.write(None),
-        to_background,
-        from_background,
-        from_link,
-        to_link,
-        freed,
-        trace: Trace::new(trace_writer, trace_wanted),
-        kept: about.kept,
-        heartbeats: &memory.heartbeats,
-        record: recorder,
-        sampler,
-        snapshot: snapshot_writer,
-    });
+    let real_time = RealTime::new(
+        Timetable::new(&mut memory.dispatcher),
+        Machine::new(own, freed),
+        Execution::new(
+            executor,
+            TaskTable::new(&mut memory.groups),
+            memory.background_run.write(None),
+            to_background,
+            from_background,
+            match about.kept {
+                Some(kept) => kept.task(),
+                None => &memory.heartbeats.task,
+            },
+        ),
+        Safety::new(limits, &memory.heartbeats),
+        Observers::new(
+            Trace::new(trace_writer, trace_wanted),
+            about.kept,
+            recorder,
+            sampler,
+            snapshot_writer,
+        ),
+        Commands::new(from_link, to_link),
+    );
     let background = Background {
         background_runs,
         ended,
@@ -252,7 +263,7 @@ pub fn split<
             .map(|storage| Some(BlobBuffer::new(storage))),
         memories,
         upload: None,
-        command: Some(memory.command.write(Command::Empty)),
+        command: Some(memory.command.write(Content::Empty)),
         pending: None,
         place: Place::BEGINNING,
         stops_before: 0,

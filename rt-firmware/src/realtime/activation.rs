@@ -9,44 +9,19 @@
 //! *Invariant:* what was looked up does not change before its time. Nothing but activations changes
 //! what it depends on; who changes mode or mission besides [takes it back](RealTime::forget_next).
 
-use core::sync::atomic::Ordering;
+use esm_core::Fault;
+use esm_core::dispatcher::{self, Near};
 
-use esm_core::dispatcher::Near;
-use esm_core::{Fault, dispatcher};
-
-use super::running::{Activation, Next, Origin};
+use super::RealTime;
+use super::events::Event;
+use super::execution::background_runs::{RunEnd, RunStart};
+use super::execution::{Around, StepObserver};
 use super::slots::SlotEntry;
 use super::tasks::NONE;
-use super::trace::StepObserver;
-use super::{IDLE_POLL_US, RealTime};
-use crate::board::{ActivationStart, Board, ticks, ticks_between};
-use crate::features::{SPEED, WARM};
+use super::timetable::Activation;
+use crate::board::{ActivationStart, Board, ticks_between};
+use crate::features::WARM;
 use esm_link::message::{Mode, SafeReason};
-
-/// How long activations may follow one another, each looked up after the one before, without a look
-/// at the whole clock.
-const LOOK_US: u32 = 100_000;
-/// What starts later than this after the activation before is not looked up: who waits for so long
-/// is looked at meanwhile.
-const NEAR_US: u32 = 2 * IDLE_POLL_US;
-
-/// For how long an activation is on time, where this is the shortest period of all slots. What
-/// begins later than that may have been missed.
-#[cfg_attr(feature = "speed", inline(always))]
-fn mission_window<B: Board>(shortest_period_us: u32) -> u32 {
-    /// Less than half a round of the clock, so that one that has gone half around is not taken for
-    /// one that is late.
-    const LONGEST_WINDOW_US: u32 = i32::MAX as u32 / u16::MAX as u32;
-    // A start lies so far ahead at most, and the timer may ask for it early.
-    const {
-        assert!(
-            1u64 << B::COUNT_BITS > 4 * IDLE_POLL_US as u64 * B::TICKS_PER_US as u64,
-            "the counter of the clock comes round too soon: see `Board::COUNT_BITS`"
-        );
-    }
-    let window_ticks = shortest_period_us.min(LONGEST_WINDOW_US) * B::TICKS_PER_US;
-    window_ticks.min(1 << (B::COUNT_BITS - 1))
-}
 
 impl RealTime<'_, '_> {
     /// Executes all that is due, and returns when to be called again, in ticks of the board's
@@ -56,52 +31,48 @@ impl RealTime<'_, '_> {
     pub fn on_timer<B: Board>(&mut self, board: &mut B) -> u64 {
         // Nothing comes before this: it is what the delay of a slot is made of.
         let began_count = board.count();
-        let delay_ticks = ticks_between::<B>(self.next.start_ticks, began_count);
-        if delay_ticks >= self.next.window_ticks || self.is_stop_wanted(board) {
+        let (delay_ticks, is_on_time) = self.timetable.delay::<B>(began_count);
+        if !is_on_time || self.safety.is_stop_wanted(board) {
             return self.go_on(board, false);
         }
-        let start = self.next_start::<B>();
+        let execution = &self.execution;
+        let start = (self.timetable).next_start::<B>(|slot| execution.duration_us(slot));
         if let Err(reason) = board.begin_activation(&start) {
             return self.begin_in_vain(board, &start, delay_ticks, reason);
         }
-        if self.executor.is_prepared() {
+        if self.execution.is_prepared() {
             self.execute_near(board, began_count);
         }
-        let both = if SPEED {
-            self.dispatcher.take_near()
-        } else {
-            None
-        };
-        let Some((taken, next)) = both else {
+        let Some((taken, next)) = self.timetable.take_near() else {
             return self.end_far(board, began_count, delay_ticks);
         };
-        self.next.ended += 1;
-        self.next.before = taken;
-        let took_ticks = if self.heartbeats.attention.is_set() {
+        let took_ticks = if self.safety.is_called() {
             match self.end_attentively(board, began_count, delay_ticks, taken) {
                 Some(took_ticks) => took_ticks,
                 None => return self.go_on(board, true),
             }
         } else {
             let took_ticks = ticks_between::<B>(began_count, board.count());
-            self.count_near(board, taken, delay_ticks, took_ticks);
+            self.count_activation(board, taken.slot(), delay_ticks, took_ticks);
             took_ticks
         };
         if !self.look_up_near(board, taken, next, delay_ticks.wrapping_add(took_ticks)) {
             return self.go_on(board, true);
         }
-        self.next_start_ticks::<B>()
+        self.timetable.next_start_ticks::<B>()
     }
 
     /// Executes the tasks of an activation that was looked up.
     #[cfg_attr(feature = "speed", inline(always))]
     fn execute_near<B: Board>(&mut self, board: &mut B, began_count: u32) {
-        let slot = |this: &Self| this.dispatcher.next().slot;
-        self.execute_tasks(board, self.next.instance, began_count, slot);
+        let around = Around {
+            machine: &mut self.machine,
+            observers: &mut self.observers,
+        };
+        self.execution.execute_tasks(board, around, began_count);
         // A background run may lack what a task has just published.
-        if self.tasks.look_for_runs() || self.failure.is_some() {
-            self.next.has_executed = true;
-            self.heartbeats.attention.set();
+        if self.execution.is_more_to_do() {
+            self.safety.call();
         }
     }
 
@@ -116,95 +87,48 @@ impl RealTime<'_, '_> {
         delay_ticks: u32,
         taken: Near,
     ) -> Option<u32> {
-        self.heartbeats.attention.take_back();
-        let has_executed = core::mem::take(&mut self.next.has_executed);
-        if self.from_background.ready() || has_executed && self.tasks.look_for_runs() {
+        self.safety.take_call();
+        let has_executed = self.execution.take_executed();
+        if self.execution.has_run_ended() || has_executed && self.execution.may_start_run() {
             self.settle();
-            let start_us = self.dispatcher.base_us() + u64::from(taken.since_us());
-            self.change_runs(taken.slot(), start_us);
+            self.change_runs(taken.slot(), self.timetable.start_us(taken));
         }
         let took_ticks = ticks_between::<B>(began_count, board.count());
-        self.count_near(board, taken, delay_ticks, took_ticks);
+        self.count_activation(board, taken.slot(), delay_ticks, took_ticks);
         self.look_for_failure(board);
-        (!self.from_link.ready()).then_some(took_ticks)
+        (!self.commands.has_come()).then_some(took_ticks)
     }
 
     /// Counts an activation that was looked up.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn count_near(
+    fn count_activation(
         &mut self,
         board: &mut impl Board,
-        taken: Near,
+        slot: usize,
         delay_ticks: u32,
         took_ticks: u32,
     ) {
-        self.count_time(took_ticks);
-        self.count_execution(board, taken.slot(), delay_ticks, took_ticks);
-    }
-
-    /// Duration of a slot in microseconds.
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn duration_us(&self, slot: usize) -> u32 {
-        let slot = self.tasks.lists.slots.get(slot);
-        slot.map_or(0, SlotEntry::duration_us)
-    }
-
-    /// When the activation starts that was looked up. A board that asks for the low half alone does
-    /// no arithmetic for it.
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn next_start_ticks<B: Board>(&self) -> u64 {
-        const LOW: u64 = u32::MAX as u64;
-        let whole = match &self.mission {
-            Some(mission) => mission.origin.ticks + ticks::<B>(self.dispatcher.next().start_us),
-            None => 0,
-        };
-        whole & !LOW | u64::from(self.next.start_ticks)
+        self.safety.count_time(took_ticks);
+        self.count_execution(board, slot, delay_ticks, took_ticks);
     }
 
     /// Ends an activation of a slot whose next start is far away.
     #[cold]
     #[inline(never)]
     fn end_far<B: Board>(&mut self, board: &mut B, began_count: u32, delay_ticks: u32) -> u64 {
-        self.settle();
-        let taken = self.dispatcher.next();
-        self.dispatcher.take_on_time();
-        self.end(taken.start_us, self.duration_us(taken.slot));
-        if self.from_background.ready() || self.tasks.look_for_runs() {
+        let taken = self.take_far();
+        if self.execution.has_run_ended() || self.execution.may_start_run() {
             self.change_runs(taken.slot, taken.start_us);
         }
         let took_ticks = ticks_between::<B>(began_count, board.count());
-        self.count_time(took_ticks);
-        self.count_execution(board, taken.slot, delay_ticks, took_ticks);
+        self.count_activation(board, taken.slot, delay_ticks, took_ticks);
         self.look_for_failure(board);
         self.go_on(board, true)
     }
 
-    /// What a board is told of the next activation.
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn next_start<B: Board>(&self) -> ActivationStart {
-        let dispatcher::Activation { slot, start_us } = self.dispatcher.next();
-        let (origin, number) =
-            self.mission
-                .as_ref()
-                .map_or((Origin { ticks: 0, us: 0 }, 0), |mission| {
-                    (
-                        mission.origin,
-                        mission.activations + u64::from(self.next.ended),
-                    )
-                });
-        let since_us = origin.us + start_us;
-        let previous_end_us = match self.next.ended {
-            0 => self.previous_end_us,
-            _ => origin.us + self.before_end_us(),
-        };
-        ActivationStart {
-            slot,
-            number,
-            start_us: since_us,
-            start_ticks: origin.ticks + ticks::<B>(start_us),
-            previous_end_us: previous_end_us.min(since_us),
-            interpreter: false,
-        }
+    fn take_far(&mut self) -> dispatcher::Activation {
+        let execution = &self.execution;
+        self.timetable.take_far(|slot| execution.duration_us(slot))
     }
 
     /// The activation that was looked up could not begin.
@@ -217,13 +141,10 @@ impl RealTime<'_, '_> {
         delay_ticks: u32,
         reason: SafeReason,
     ) -> u64 {
-        self.settle();
-        let taken = self.dispatcher.next();
-        self.dispatcher.take_on_time();
-        self.end(taken.start_us, self.duration_us(taken.slot));
-        self.count_delay::<B>(delay_ticks);
+        self.take_far();
+        self.observers.count_delay::<B>(delay_ticks);
         self.fail_safe(board, reason);
-        self.count_time(
+        self.safety.count_time(
             board
                 .now_low_ticks()
                 .wrapping_sub(start.start_ticks as u32)
@@ -236,39 +157,15 @@ impl RealTime<'_, '_> {
     /// that none of them writes the motors any more.
     #[cfg_attr(feature = "speed", inline(always))]
     fn look_for_failure<B: Board>(&mut self, board: &mut B) {
-        if let Some(reason) = self.failure.take() {
+        if let Some(reason) = self.execution.take_failure() {
             self.fail_safe(board, reason);
         }
     }
 
-    /// An activation is over, as far as whoever asks for the time is concerned.
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn end(&mut self, start_us: u64, duration_us: u32) {
-        if let Some(mission) = &mut self.mission {
-            mission.activations += 1;
-            self.previous_end_us = mission.robot_us(start_us) + u64::from(duration_us);
-        }
-    }
-
-    /// Nominal end of the activation before the one that was looked up, since the origin.
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn before_end_us(&self) -> u64 {
-        let before = self.next.before;
-        let start_us = self.dispatcher.base_us() + u64::from(before.since_us());
-        start_us + u64::from(self.duration_us(before.slot()))
-    }
-
-    /// Works out what was counted in 32 bits of the activations that were looked up: as long as the
-    /// dispatcher's next one is what they left.
+    /// Works out what was counted in 32 bits of the activations that were looked up.
     pub(super) fn settle(&mut self) {
-        let ended = core::mem::take(&mut self.next.ended);
-        if SPEED && ended != 0 {
-            let end_us = self.before_end_us();
-            if let Some(mission) = &mut self.mission {
-                mission.activations += u64::from(ended);
-                self.previous_end_us = mission.robot_us(end_us);
-            }
-        }
+        let execution = &self.execution;
+        self.timetable.settle(|slot| execution.duration_us(slot));
     }
 
     /// Looks up the next activation after this one, which was on time, was looked up itself, and
@@ -282,120 +179,90 @@ impl RealTime<'_, '_> {
         next: Near,
         ended_ticks: u32,
     ) -> bool {
-        let since_us = next.since_us();
-        let wait_us = since_us - taken.since_us();
-        if wait_us > NEAR_US
-            || wait_us * B::TICKS_PER_US <= ended_ticks
-            || since_us >= self.next.look_us && !self.look_at_clock(board, since_us)
+        if !self.timetable.is_near::<B>(taken, next, ended_ticks)
+            || self.timetable.is_look_due(next) && !self.look_at_clock(board, next)
         {
             return false;
         }
-        let since_ticks = since_us.wrapping_mul(B::TICKS_PER_US);
-        let start_ticks = self.next.base_ticks.wrapping_add(since_ticks);
-        self.next.start_ticks = start_ticks;
+        self.timetable.look_up_near::<B>(next);
         let slot = next.slot();
-        if slot == self.next.interpreter_slot {
-            self.next.window_ticks = 0;
+        if self.timetable.is_interpreters(slot) {
+            self.timetable.pass_over_next();
             return !self.may_change_mission();
         }
-        let Some(entry) = self.tasks.lists.slots.get(slot) else {
-            return false;
-        };
-        let instance = entry.first_enabled();
+        let instance = self.first_enabled(slot);
         if instance != NONE {
             self.prepare_first(slot, instance);
         }
         true
     }
 
-    /// Looks at the whole clock, which was not looked at for long, before the activation that
-    /// starts so long after the dispatcher's base. False if there is more to be done.
+    /// Looks at the whole clock, which was not looked at for long, before this activation. False if
+    /// there is more to be done.
     #[cold]
     #[inline(never)]
-    fn look_at_clock<B: Board>(&mut self, board: &mut B, since_us: u32) -> bool {
+    fn look_at_clock<B: Board>(&mut self, board: &mut B, next: Near) -> bool {
         let began_count = board.count();
         let now_ticks = board.now_ticks();
         self.settle();
         self.look_for_stops(board);
-        if self.waiting.is_some() || !self.is_running() {
+        if self.commands.is_waiting() || !self.safety.is_running() {
             return false;
         }
         self.feed_watchdog(board, now_ticks);
-        self.next.look_us = since_us + LOOK_US;
-        self.count_time(ticks_between::<B>(began_count, board.count()));
-        self.heartbeats.settle_slots(B::TICKS_PER_US);
+        self.timetable.looked(next);
+        let took_ticks = ticks_between::<B>(began_count, board.count());
+        self.safety.count_time(took_ticks);
+        self.safety.settle_time(B::TICKS_PER_US);
         true
     }
 
     /// Whether the interpreter's next activation may be the first of another mission.
     #[inline(never)]
     fn may_change_mission(&self) -> bool {
-        WARM && (self.waiting.is_some()
-            || self.trial.is_some()
-            || self.heartbeats.mission_is_coming.load(Ordering::Relaxed))
+        WARM && (self.commands.is_waiting()
+            || self.machine.trial().is_some()
+            || self.safety.is_mission_coming())
     }
 
     /// Looks up the dispatcher's next activation, which starts at this time, after a look at the
     /// whole clock.
-    pub(super) fn look_up<B: Board>(&mut self, next: dispatcher::Activation, start_ticks: u64) {
-        let Some(mission) = &self.mission else {
-            return;
-        };
-        if next.slot == mission.interpreter_slot || !self.is_running() {
+    pub(super) fn look_up<B: Board>(&mut self, start_ticks: u64) {
+        let slot = self.timetable.next().slot;
+        if self.timetable.is_interpreters(slot) || !self.safety.is_running() {
             return;
         }
-        let Some(entry) = self.tasks.lists.slots.get(next.slot) else {
-            return;
-        };
-        let base_us = self.dispatcher.base_us();
-        let base_ticks = mission.origin.ticks + ticks::<B>(base_us);
-        // The look was at most a few milliseconds ago, and the next one starts soon.
-        let near_us = (next.start_us - base_us) as u32;
-        let instance = entry.first_enabled();
-        self.next = Next {
-            start_ticks: start_ticks as u32,
-            window_ticks: mission_window::<B>(self.shortest_period_us),
-            base_ticks: base_ticks as u32,
-            look_us: near_us + LOOK_US,
-            interpreter_slot: mission.interpreter_slot,
-            ..Next::NOTHING
-        };
-        self.executor.forget();
+        self.timetable.look_up::<B>(start_ticks);
+        self.execution.forget();
+        let instance = self.first_enabled(slot);
         if instance != NONE {
-            self.prepare_first(next.slot, instance);
+            self.prepare_first(slot, instance);
         }
+    }
+
+    /// The first enabled task instance of a slot, or [`NONE`].
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn first_enabled(&self, slot: usize) -> u16 {
+        let slot = self.execution.slot(slot);
+        slot.map_or(NONE, SlotEntry::first_enabled)
     }
 
     /// Prepares the first task of an activation. Where it cannot be executed, the activation is not
     /// looked up.
-    #[inline(never)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn prepare_first(&mut self, slot: usize, instance: u16) {
-        self.next.instance = instance;
-        if let Some(mission) = &self.mission {
-            let start_us = self.dispatcher.next().start_us;
-            let period_us = self.dispatcher.period_us(slot);
-            self.executor.begin(
-                mission.t_us_of_activation(start_us),
-                mission.robot_us(start_us),
-                period_us,
-            );
-        }
-        if !self.prepare_task(instance) {
-            self.next.window_ticks = 0;
+        let (t_us, robot_us) = self.timetable.times_of_next();
+        let period_us = self.timetable.period_us(slot);
+        self.execution.begin(slot, t_us, robot_us, period_us);
+        if !self.execution.prepare_first(instance, &self.machine) {
+            self.timetable.pass_over_next();
         }
     }
 
     /// What was looked up is so no more.
     pub(super) fn forget_next(&mut self) {
         self.settle();
-        self.pass_over_next();
-    }
-
-    /// The same, with what was counted to be [settled](Self::settle) later: each instruction here
-    /// makes a macro step later.
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn pass_over_next(&mut self) {
-        self.next.window_ticks = 0;
+        self.timetable.pass_over_next();
     }
 
     /// Executes an activation that began at `began_ticks`; its nominal start was at `start_ticks`.
@@ -407,53 +274,39 @@ impl RealTime<'_, '_> {
         start_ticks: u64,
     ) {
         let delay_ticks = u32::try_from(began_ticks - start_ticks).unwrap_or(u32::MAX);
-        let Some(mission) = &self.mission else {
-            return;
-        };
-        let start_us = mission.robot_us(activation.start_us);
-        let t_us = mission.t_us(activation.start_us);
+        let start_us = self.timetable.robot_us(activation.start_us);
         let start = ActivationStart {
             slot: activation.slot,
             number: activation.number,
             start_us,
             start_ticks,
-            previous_end_us: self.previous_end_us.min(start_us),
+            previous_end_us: self.timetable.previous_end_us().min(start_us),
             interpreter: activation.interpreter,
         };
-        let duration_us = self.duration_us(activation.slot);
-        self.end(activation.start_us, duration_us);
-        self.count_delay::<B>(delay_ticks);
-        if self.mode == Mode::EmergencyStopped {
+        let duration_us = self.execution.duration_us(activation.slot);
+        self.timetable.end(activation.start_us, duration_us);
+        self.observers.count_delay::<B>(delay_ticks);
+        if self.safety.mode() == Mode::EmergencyStopped {
             self.hold_still(board);
         }
         if let Err(reason) = board.begin_activation(&start)
-            && self.is_running()
+            && self.safety.is_running()
         {
             self.fail_safe(board, reason);
         }
         self.take_run_back(Some(activation));
         if activation.interpreter {
             self.send_answered();
-            self.listen(start_us);
-            if self.is_running() {
+            let silent_us = self.safety.listen(start_us);
+            self.execution.tell_link_silent(silent_us);
+            if self.safety.is_running() {
                 self.macro_step(board, start_us);
             } else {
                 board.motors_off();
             }
         }
-        if self.is_running() {
-            let period_us = self.dispatcher.period_us(activation.slot);
-            self.executor.begin(t_us, start_us, period_us);
-            let now_ticks = board.now_low_ticks();
-            let slot = self.tasks.lists.slots.get(activation.slot);
-            let first = slot.map_or(NONE, SlotEntry::first_enabled);
-            if first != NONE {
-                self.prepare_task(first);
-                self.execute_tasks(board, first, now_ticks, |_| activation.slot);
-            }
-            if self.tasks.look_for_runs() {
-                self.start_run(activation.start_us, activation.number);
-            }
+        if self.safety.is_running() {
+            self.execute_slot(board, activation, start_us);
             let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks as u32);
             self.count_execution(board, activation.slot, delay_ticks, took_ticks);
             self.look_for_failure(board);
@@ -463,31 +316,55 @@ impl RealTime<'_, '_> {
         }
     }
 
+    /// Executes the tasks of an activation that starts at this robot time, and starts a background
+    /// run.
+    fn execute_slot<B: Board>(&mut self, board: &mut B, activation: &Activation, robot_us: u64) {
+        let t_us = self.timetable.t_us(activation.start_us);
+        let period_us = self.timetable.period_us(activation.slot);
+        self.execution
+            .begin(activation.slot, t_us, robot_us, period_us);
+        let now_ticks = board.now_low_ticks();
+        let first = self.first_enabled(activation.slot);
+        if first != NONE {
+            self.execution.prepare_first(first, &self.machine);
+            let around = Around {
+                machine: &mut self.machine,
+                observers: &mut self.observers,
+            };
+            self.execution.execute_tasks(board, around, now_ticks);
+        }
+        if self.execution.may_start_run() {
+            self.start_run(activation.start_us, activation.number);
+        }
+    }
+
     #[inline(never)]
     fn macro_step(&mut self, board: &mut impl Board, robot_us: u64) {
-        let Some(mission) = &mut self.mission else {
+        let RealTime {
+            timetable,
+            machine,
+            execution,
+            observers,
+            ..
+        } = self;
+        let Some(mission) = machine.mission_mut() else {
             return;
         };
-        mission.step_us = robot_us;
-        let mut observer = StepObserver {
-            tasks: &mut self.tasks,
-            trace: &mut self.trace,
-            black_box: self.kept.map(|kept| &kept.black_box),
+        timetable.begin_step(robot_us);
+        observers.before_step(mission.interpreter());
+        let ended = mission.macro_step(&mut StepObserver {
+            execution,
+            observers,
             robot_us,
-        };
-        self.record.before_step(&mission.interpreter);
-        let ended = mission.interpreter.macro_step(&mut observer);
-        self.record.after_step(&mission.interpreter);
+        });
+        observers.after_step(mission.interpreter());
         match ended {
             Ok(summary) => {
-                mission.next_step = summary.step + 1;
-                self.health.steps = mission.next_step;
-                self.health.t_us = summary.t_us();
-                self.sampler.after_step(&self.executor, summary.t_us());
-                self.trace.step(&summary, &mission.interpreter);
+                observers.end_step(&summary, mission.interpreter(), execution.executor());
             }
             Err(fault) => {
-                self.trace.fault(mission.next_step, fault);
+                let step = mission.next_step();
+                observers.tell(robot_us, Event::Fault { step, fault });
                 let reason = match fault {
                     Fault::EventQueueOverflow => SafeReason::EventQueueOverflow,
                     Fault::MacroStepLimit => SafeReason::MacroStepLimit,
@@ -495,5 +372,52 @@ impl RealTime<'_, '_> {
                 self.fail_safe(board, reason);
             }
         }
+    }
+
+    /// Takes a background run back that has ended, and starts another one, in the activation that
+    /// began last. It has no macro step.
+    #[inline(never)]
+    fn change_runs(&mut self, slot: usize, start_us: u64) {
+        if !self.safety.is_running() {
+            return;
+        }
+        let activation = Activation {
+            slot,
+            start_us,
+            number: self.timetable.activations().saturating_sub(1),
+            interpreter: false,
+        };
+        self.take_run_back(Some(&activation));
+        self.start_run(start_us, activation.number);
+    }
+
+    /// Takes back a background run that has ended; that becomes known in this activation.
+    pub(super) fn take_run_back(&mut self, activation: Option<&Activation>) {
+        if !self.execution.has_run_ended() {
+            return;
+        }
+        let end = activation.map(|activation| RunEnd {
+            step_us: self.timetable.noting_step_us(activation),
+            number: activation.number,
+        });
+        let around = Around {
+            machine: &mut self.machine,
+            observers: &mut self.observers,
+        };
+        self.execution.take_run_back(end, around);
+    }
+
+    /// Starts a background run in an activation that starts so long after the origin.
+    fn start_run(&mut self, start_us: u64, number: u64) {
+        let start = RunStart {
+            t_us: self.timetable.t_us(start_us),
+            step_us: self.timetable.step_us(),
+            number,
+        };
+        let around = Around {
+            machine: &mut self.machine,
+            observers: &mut self.observers,
+        };
+        self.execution.start_run(start, around);
     }
 }

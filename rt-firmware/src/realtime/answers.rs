@@ -1,95 +1,69 @@
 //! What the link asks of the mission that runs: its blob, states, counters, parameters, and the
-//! values on its nets.
+//! values on its nets. A function for each question.
 
 use esm_core::tables::Tables;
-use esm_core::{BlobBuffer, Interpreter};
 
 use super::RealTime;
-use super::background_runs::net_of;
-use super::running::Mission;
+use super::machine::Mission;
 use crate::features::PARAMS;
-use crate::realtime::mailbox::{Bytes, Command};
+use crate::realtime::mailbox::{Bytes, Command, Reply};
 use crate::task::MAX_DATA_PORTS;
-use esm_link::message::{LinkError, TaskCounters};
+use esm_link::message::{LinkError, NO_STATE, TaskCounters};
 use esm_link::telemetry::Ask;
 
 impl<'m> RealTime<'_, 'm> {
     /// Answers a question about the mission.
-    pub(super) fn answer(&self, question: &Command<'m>, ticks_per_us: u32) -> Command<'m> {
-        let Some(mission) = &self.mission else {
-            return Command::Failed(LinkError::NoMission);
+    pub(super) fn answer(&self, question: &Command<'m>, ticks_per_us: u32) -> Reply<'m> {
+        let Some(mission) = self.machine.mission() else {
+            return Reply::Failed(LinkError::NoMission);
         };
-        let tables = mission.interpreter.tables();
         match *question {
-            Command::ReadBlob { offset } => {
-                let blob = mission.interpreter.verified().bytes();
-                let bytes = blob.get(offset as usize..).unwrap_or_default();
-                Command::Blob {
-                    total: blob.len() as u32,
-                    bytes: Bytes::first_of(bytes),
-                }
-            }
-            Command::ReadStates { first } => {
-                let mut bytes = Bytes::EMPTY;
-                let total = tables.region_instance_count();
-                for region in usize::from(first)..total {
-                    if !bytes.push_u16(state_of(&mission.interpreter, region)) {
-                        break;
-                    }
-                }
-                Command::States {
-                    step: mission.next_step,
-                    total: total as u16,
-                    bytes,
-                }
-            }
-            Command::ReadSlot { slot } => {
-                let index = usize::from(slot);
-                match (tables.slot(index), self.tasks.lists.slots.get(index)) {
-                    (Some(slot), Some(entry)) => Command::Slot(entry.counters(
-                        slot.number,
-                        self.dispatcher.missed(index),
-                        ticks_per_us,
-                    )),
-                    _ => Command::Failed(LinkError::NoSuchIndex),
-                }
-            }
-            Command::ReadTask { task_instance } => {
-                let index = usize::from(task_instance);
-                if index < tables.task_instance_count() {
-                    Command::Task(TaskCounters {
-                        enabled: mission.interpreter.is_enabled(index),
-                        // The flag of a state that was left stands as it did until it is entered
-                        // anew.
-                        busy: mission.interpreter.is_current(index)
-                            && mission.interpreter.is_busy(index),
-                        overruns: self.tasks.overruns(task_instance),
-                    })
-                } else {
-                    Command::Failed(LinkError::NoSuchIndex)
-                }
-            }
-            Command::ReadParam { mission, param } if PARAMS => {
-                match (self.mission_of(mission), tables.param(usize::from(param))) {
-                    (Ok(_), Some(of_mission)) => Command::Param {
-                        value: self.params.get(param).unwrap_or(of_mission),
-                        of_mission,
-                        saved: self.saved.of(mission).get(param),
-                    },
-                    (Ok(_), None) => Command::Failed(LinkError::NoSuchIndex),
-                    (Err(error), _) => Command::Failed(error),
-                }
-            }
-            _ => Command::Failed(LinkError::NoSuchIndex),
+            Command::ReadBlob { offset } => blob_part(mission, offset),
+            Command::ReadStates { first } => states(mission, first),
+            Command::ReadSlot { slot } => self.slot_counters(mission, slot, ticks_per_us),
+            Command::ReadTask { task_instance } => self.task_counters(mission, task_instance),
+            Command::ReadParam { mission, param } if PARAMS => self.param(mission, param),
+            _ => Reply::Failed(LinkError::NoSuchIndex),
         }
     }
 
-    /// The mission that runs, if it is the one of this hash.
-    pub(super) fn mission_of(&self, hash: u32) -> Result<&Mission<'m>, LinkError> {
-        match &self.mission {
-            Some(mission) if self.health.mission == Some(hash) => Ok(mission),
-            Some(_) => Err(LinkError::OtherMission),
-            None => Err(LinkError::NoMission),
+    /// What was counted of a slot.
+    fn slot_counters(&self, mission: &Mission<'m>, slot: u8, ticks_per_us: u32) -> Reply<'m> {
+        let index = usize::from(slot);
+        match (mission.tables().slot(index), self.execution.slot(index)) {
+            (Some(slot), Some(entry)) => {
+                Reply::Slot(entry.counters(slot.number, self.timetable.missed(index), ticks_per_us))
+            }
+            _ => Reply::Failed(LinkError::NoSuchIndex),
+        }
+    }
+
+    /// What was counted of a task instance.
+    fn task_counters(&self, mission: &Mission<'m>, task_instance: u16) -> Reply<'m> {
+        let index = usize::from(task_instance);
+        if index >= mission.tables().task_instance_count() {
+            return Reply::Failed(LinkError::NoSuchIndex);
+        }
+        Reply::Task(TaskCounters {
+            enabled: mission.is_enabled(index),
+            busy: mission.is_busy(index),
+            overruns: self.execution.overruns(task_instance),
+        })
+    }
+
+    /// The value of a parameter.
+    fn param(&self, mission: u32, param: u16) -> Reply<'m> {
+        let tables = match self.machine.mission_of(mission) {
+            Ok(mission) => mission.tables(),
+            Err(error) => return Reply::Failed(error),
+        };
+        match tables.param(usize::from(param)) {
+            Some(of_mission) => Reply::Param {
+                value: self.machine.params().get(param).unwrap_or(of_mission),
+                of_mission,
+                saved: self.machine.saved_of(mission).get(param),
+            },
+            None => Reply::Failed(LinkError::NoSuchIndex),
         }
     }
 
@@ -100,14 +74,14 @@ impl<'m> RealTime<'_, 'm> {
         &mut self,
         number: u8,
         ask: &[u8],
-    ) -> Result<Command<'m>, LinkError> {
+    ) -> Result<Reply<'m>, LinkError> {
         let ask = Ask::of(ask)?;
         let (Ask::Fields { mission, .. } | Ask::Values { mission, .. }) = ask;
-        let tables = self.mission_of(mission)?.interpreter.tables();
+        let tables = self.machine.mission_of(mission)?.tables();
         match ask {
             Ask::Fields { net, offset, .. } => {
                 let text = self.fields(&tables, net).ok_or(LinkError::NoSuchIndex)?;
-                Ok(Command::Fields { text, offset })
+                Ok(Reply::Fields { text, offset })
             }
             Ask::Values {
                 period_ms, nets, ..
@@ -117,8 +91,9 @@ impl<'m> RealTime<'_, 'm> {
                 if nets.clone().any(|net| usize::from(net) >= count) {
                     return Err(LinkError::NoSuchIndex);
                 }
-                self.sampler.begin(number, mission, period_ms, nets);
-                Ok(Command::ValuesWanted { number, mission })
+                self.observers
+                    .begin_samples(number, mission, period_ms, nets);
+                Ok(Reply::ValuesWanted { number, mission })
             }
         }
     }
@@ -127,23 +102,42 @@ impl<'m> RealTime<'_, 'm> {
     fn fields(&self, tables: &Tables<'_>, net: u16) -> Option<&'static str> {
         let net = usize::from(net);
         (0..tables.task_instance_count()).find_map(|instance| {
-            let bank = self.tasks.place(instance as u16).bank;
             let ports = 0..MAX_DATA_PORTS;
             let mut on_net = ports.filter(|port| net_of(tables, instance, *port) == Some(net));
-            on_net.find_map(|port| self.executor.fields(bank, port))
+            on_net.find_map(|port| self.execution.fields(instance as u16, port))
         })
     }
 }
 
-/// The current state of a region instance, or none if the region is not active.
-fn state_of(interpreter: &Interpreter<'_, BlobBuffer<'_>>, region: usize) -> u16 {
-    let active = interpreter
-        .tables()
-        .region_instance(region)
-        .is_some_and(|region| interpreter.is_active(region.instance));
-    if active {
-        interpreter.current(region) as u16
-    } else {
-        esm_link::message::NO_STATE
+/// Bytes of a mission's blob.
+fn blob_part<'m>(mission: &Mission<'m>, offset: u32) -> Reply<'m> {
+    let blob = mission.blob();
+    let bytes = blob.get(offset as usize..).unwrap_or_default();
+    Reply::Blob {
+        total: blob.len() as u32,
+        bytes: Bytes::first_of(bytes),
     }
+}
+
+/// Current states of region instances, or none where a region is not active.
+fn states<'m>(mission: &Mission<'m>, first: u16) -> Reply<'m> {
+    let mut bytes = Bytes::EMPTY;
+    let total = mission.tables().region_instance_count();
+    for region in usize::from(first)..total {
+        let state = mission.state(region).map_or(NO_STATE, |state| state as u16);
+        if !bytes.push_u16(state) {
+            break;
+        }
+    }
+    Reply::States {
+        step: mission.next_step(),
+        total: total as u16,
+        bytes,
+    }
+}
+
+/// The net of a data port.
+fn net_of(tables: &Tables<'_>, task_instance: usize, port: usize) -> Option<usize> {
+    let first = tables.task_instance(task_instance)?.first_connection;
+    tables.connection(first + port).flatten()
 }

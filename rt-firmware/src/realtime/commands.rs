@@ -1,198 +1,149 @@
-//! The command from the link: what can be done at once is done and answered, and what changes the
-//! mission or a parameter waits for the interpreter's next activation.
+//! The command from the link: it is on its way, waits for the interpreter's next activation, or is
+//! answered.
 //!
-//! *Invariant:* there is one command. It is on its way, waits here, or is answered, and goes back
-//! each time.
+//! *Invariant:* there is one command, and it goes back each time.
 
-use core::sync::atomic::Ordering;
+use heapless::spsc::{Consumer, Producer};
 
-use super::params::SavedParams;
-use super::safe_state::is_stop_pressed;
-use super::{RealTime, params};
+use super::mailbox::{Command, Content, NO_DEADLINE, Posted, Reply};
 use crate::board::{Board, ticks};
-use crate::features::{PARAMS, TELEMETRY, WARM};
-use crate::realtime::mailbox::{Command, Posted};
-use esm_link::message::{LinkError, Mode};
+use crate::features::WARM;
+use esm_link::message::LinkError;
 
-impl<'m> RealTime<'_, 'm> {
-    /// Takes what the link wants, and answers it or keeps it for the interpreter's next activation.
-    // Not inlined: no task should run on top of what this needs of the stack.
-    #[inline(never)]
-    pub(super) fn take_command<B: Board>(&mut self, board: &mut B) {
-        let Some(Posted {
-            command,
-            by_us,
-            stops,
-        }) = self.from_link.dequeue()
-        else {
-            return;
-        };
-        self.settle();
-        let now_ticks = board.now_ticks();
-        if is_late::<B>(now_ticks, by_us) {
-            self.send(command);
-            return;
+/// The command, wherever it is, and the queues that bring it and take it back.
+pub(crate) struct Commands<'q, 'm> {
+    from_link: Consumer<'q, Posted<'m>>,
+    to_link: Producer<'q, &'m mut Content<'m>>,
+    /// A swap, a start, a fall-back or another value of a parameter, to be done at the
+    /// interpreter's next activation.
+    waiting: Option<&'m mut Content<'m>>,
+    /// What is answered when the new mission begins.
+    answered: Option<&'m mut Content<'m>>,
+    /// When it is too late for what waits, on the board's clock in microseconds.
+    waiting_by_us: u64,
+    /// When it came, in ticks.
+    waiting_since_ticks: u64,
+}
+
+impl<'q, 'm> Commands<'q, 'm> {
+    pub(crate) fn new(
+        from_link: Consumer<'q, Posted<'m>>,
+        to_link: Producer<'q, &'m mut Content<'m>>,
+    ) -> Self {
+        Commands {
+            from_link,
+            to_link,
+            waiting: None,
+            answered: None,
+            waiting_by_us: NO_DEADLINE,
+            waiting_since_ticks: 0,
         }
+    }
+
+    /// Whether one has come.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn has_come(&self) -> bool {
+        self.from_link.ready()
+    }
+
+    /// Takes the one that has come.
+    pub(super) fn take(&mut self) -> Option<Posted<'m>> {
+        self.from_link.dequeue()
+    }
+
+    /// Whether it is too late for one that has come by now. One for which it is not may wait from
+    /// now on, until this time.
+    pub(super) fn is_late<B: Board>(&mut self, now_ticks: u64, by_us: u64) -> bool {
         self.waiting_by_us = by_us;
         if WARM {
             self.waiting_since_ticks = now_ticks;
         }
-        let answer = match &*command {
-            Command::Swap { .. } => {
-                self.waiting = Some(command);
-                return;
+        is_past::<B>(now_ticks, by_us)
+    }
+
+    /// Lets it wait for the interpreter's next activation.
+    pub(super) fn keep_waiting(&mut self, content: &'m mut Content<'m>) {
+        self.waiting = Some(content);
+    }
+
+    /// Whether it waits.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn is_waiting(&self) -> bool {
+        self.waiting.is_some()
+    }
+
+    /// Whether it waits, and changes the mission at a macro step at this time. A swap that is asked
+    /// for when that step is due waits for the one after it, for which there are `lead_ticks` to
+    /// make it; where the step is late anyway, it comes with it.
+    pub(super) fn changes_mission(&self, at_ticks: u64, lead_ticks: u64) -> bool {
+        let waiting = self.waiting.as_ref();
+        match waiting.and_then(|content| content.command()) {
+            None | Some(Command::SetParam { .. }) => false,
+            Some(Command::Swap { .. }) if WARM => {
+                let due_ticks = self.waiting_since_ticks.checked_sub(at_ticks);
+                due_ticks.is_none_or(|due_ticks| due_ticks > lead_ticks)
             }
-            &Command::FallBack { mission } if self.is_on_trial(mission) => {
-                self.waiting = Some(command);
-                return;
-            }
-            &Command::Confirm { mission, again }
-                if self.is_on_trial(mission) || again && self.stays(mission) =>
-            {
-                let before = self.trial.take().and_then(|trial| trial.before);
-                if let Some(before) = before {
-                    self.free(before, None);
-                }
-                Command::Confirmed { mission }
-            }
-            Command::FallBack { .. } | Command::Confirm { .. } => {
-                Command::Failed(LinkError::NotOnTrial)
-            }
-            &Command::SetParam {
-                mission,
-                param,
-                value,
-            } if PARAMS => match self.check_param(mission, param, value) {
-                Ok(()) => {
-                    self.waiting = Some(command);
-                    return;
-                }
-                Err(error) => Command::Failed(error),
-            },
-            &Command::ReadChanged { mission } if PARAMS => {
-                match (&self.trial, self.mission_of(mission)) {
-                    // So that what the mission before starts with is what was saved for it.
-                    (Some(_), _) => Command::Failed(LinkError::OnTrial),
-                    (None, Ok(_)) => Command::Changed(SavedParams::new(mission, self.params)),
-                    (None, Err(error)) => Command::Failed(error),
-                }
-            }
-            Command::Saved(saved) if PARAMS => {
-                self.saved.assign(saved);
-                Command::ParamsSaved {
-                    count: self.saved.len(),
-                }
-            }
-            &Command::AskValues { number, ref ask } if TELEMETRY => self
-                .answer_of_values(number, ask.as_slice())
-                .unwrap_or_else(Command::Failed),
-            // Latched by the link, and not looked at in a slot yet.
-            Command::Start if self.heartbeats.emergency_stop.load(Ordering::Relaxed) => {
-                Command::Failed(LinkError::EmergencyStopped)
-            }
-            // It is older than a stop that has come meanwhile.
-            Command::Start if self.heartbeats.stops.overtakes(stops) => {
-                Command::Failed(LinkError::StopCame)
-            }
-            Command::Start => match (self.mode, &self.mission) {
-                (Mode::Running, _) => Command::Done,
-                (Mode::EmergencyStopped, _) => Command::Failed(LinkError::EmergencyStopped),
-                (_, None) => {
-                    self.mode = Mode::Empty;
-                    Command::Done
-                }
-                (_, Some(_)) => {
-                    self.waiting = Some(command);
-                    return;
-                }
-            },
-            // A stop that came behind it goes on.
-            Command::Release
-                if self.heartbeats.stops.overtakes(stops) || is_stop_pressed(board) =>
-            {
-                Command::Failed(LinkError::EmergencyStopped)
-            }
-            Command::Release => {
-                // Who wanted it may have released it before any slot has looked.
-                let is_latched = self.heartbeats.emergency_stop.load(Ordering::Relaxed);
-                self.heartbeats
-                    .emergency_stop
-                    .store(false, Ordering::Relaxed);
-                self.heartbeats.stop_pressed.store(false, Ordering::Relaxed);
-                if let Some(kept) = self.kept {
-                    kept.set_emergency_stop(false);
-                }
-                if is_latched || self.mode == Mode::EmergencyStopped {
-                    self.set_stopped(Mode::Stopped, board);
-                }
-                if self.heartbeats.stops.overtakes(stops) {
-                    // It came while this was done.
-                    self.heartbeats.latch_emergency_stop(self.kept);
-                    Command::Failed(LinkError::EmergencyStopped)
-                } else {
-                    Command::Released
-                }
-            }
-            question => self.answer(question, B::TICKS_PER_US),
-        };
-        *command = answer;
-        self.tell_health();
-        self.send(command);
+            Some(_) => true,
+        }
+    }
+
+    /// Takes the one that waits.
+    pub(super) fn take_waiting(&mut self) -> Option<&'m mut Content<'m>> {
+        self.waiting.take()
+    }
+
+    /// Takes the one that waits, if it is such a one.
+    pub(super) fn take_waiting_if(
+        &mut self,
+        is_such: impl FnOnce(&Command<'m>) -> bool,
+    ) -> Option<&'m mut Content<'m>> {
+        self.waiting
+            .take_if(|content| content.command().is_some_and(is_such))
     }
 
     /// Hands what waits back if it is too late for it now.
     #[inline(never)]
     pub(super) fn refuse_late<B: Board>(&mut self, now_ticks: u64) {
-        if is_late::<B>(now_ticks, self.waiting_by_us)
-            && let Some(command) = self.waiting.take()
+        if is_past::<B>(now_ticks, self.waiting_by_us)
+            && let Some(content) = self.waiting.take()
         {
-            self.send(command);
+            self.send(content);
         }
     }
 
-    /// Whether a parameter can be given this value.
-    fn check_param(&self, mission: u32, param: u16, value: u32) -> Result<(), LinkError> {
-        let tables = self.mission_of(mission)?.interpreter.tables();
-        let declared = params::declared(&tables, self.executor.registry(), param)
-            .ok_or(LinkError::NoSuchIndex)?;
-        params::check(declared, value)?;
-        self.params.has_room(param)
+    /// A start that is under way does not come through.
+    pub(super) fn refuse_start(&mut self) {
+        let is_start = |command: &Command<'_>| matches!(command, Command::Start);
+        if let Some(content) = self.take_waiting_if(is_start) {
+            content.refuse(LinkError::StopCame);
+            self.send(content);
+        }
+        if let Some(content) = &mut self.answered
+            && let Content::Reply(Reply::Started) = **content
+        {
+            content.refuse(LinkError::StopCame);
+        }
     }
 
-    /// Gives a parameter the value that a command says, and makes the answer of it. The value was
-    /// checked when the command came, for the mission that it names: where that has ended
-    /// meanwhile, nothing is done.
-    // Not inlined: no task should run on top of what this needs of the stack.
-    #[inline(never)]
-    pub(super) fn set_param(&mut self, command: &mut Command<'_>) {
-        let Command::SetParam {
-            mission,
-            param,
-            value,
-        } = *command
-        else {
-            return;
-        };
-        *command = match self.mission_of(mission) {
-            Ok(mission) => {
-                let tables = mission.interpreter.tables();
-                let of_mission = tables.param(usize::from(param)).unwrap_or_default();
-                let before = self.params.get(param).unwrap_or(of_mission);
-                self.params.set(param, value, of_mission);
-                Command::ParamSet { before }
-            }
-            Err(error) => Command::Failed(error),
-        };
+    /// Keeps it until the new mission begins.
+    pub(super) fn answer_later(&mut self, content: &'m mut Content<'m>) {
+        self.answered = Some(content);
     }
 
-    pub(super) fn send(&mut self, command: &'m mut Command<'m>) {
-        // There is one command, so that there is room for it.
-        let refused = self.to_link.enqueue(command);
+    /// Takes the one that was kept until the new mission begins.
+    pub(super) fn take_answered(&mut self) -> Option<&'m mut Content<'m>> {
+        self.answered.take()
+    }
+
+    /// Sends it back.
+    pub(super) fn send(&mut self, content: &'m mut Content<'m>) {
+        // There is one place, so that there is room for it.
+        let refused = self.to_link.enqueue(content);
         debug_assert!(refused.is_ok());
     }
 }
 
 /// Whether the board's clock is past this time in microseconds.
-fn is_late<B: Board>(now_ticks: u64, by_us: u64) -> bool {
+fn is_past<B: Board>(now_ticks: u64, by_us: u64) -> bool {
     now_ticks > ticks::<B>(by_us)
 }

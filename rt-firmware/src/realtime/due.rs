@@ -4,14 +4,12 @@
 //! *Invariant:* each round of the loop takes an activation from the dispatcher, exchanges missions,
 //! or is the last. So it ends when nothing is due.
 
-use core::sync::atomic::Ordering;
-
 use super::change::lead_ticks;
-use super::running::Activation;
-use super::running::Origin;
+use super::timetable::Origin;
 use super::{IDLE_POLL_US, RealTime};
 use crate::board::{Board, microseconds, ticks};
 use crate::features::{PARAMS, WARM};
+use crate::realtime::mailbox::Command;
 use esm_link::message::Mode;
 
 impl RealTime<'_, '_> {
@@ -20,7 +18,7 @@ impl RealTime<'_, '_> {
     #[inline(never)]
     pub(super) fn go_on<B: Board>(&mut self, board: &mut B, command_waits: bool) -> u64 {
         let began_ticks = board.now_low_ticks();
-        self.pass_over_next();
+        self.timetable.pass_over_next();
         // Before a command, which may be older.
         self.look_for_stops(board);
         if !command_waits {
@@ -29,20 +27,21 @@ impl RealTime<'_, '_> {
         let mut at_ticks = self.execute_due(board);
         if command_waits {
             self.take_command(board);
-            if WARM && self.waiting.is_some() {
+            if WARM && self.commands.is_waiting() {
                 at_ticks = self.execute_due(board);
             }
         }
         self.forget_next();
-        let next = self.dispatcher.next();
-        if let Some(mission) = &self.mission {
-            let start_ticks = mission.origin.ticks + ticks::<B>(next.start_us);
+        if self.machine.mission().is_some() {
+            let start_us = self.timetable.next().start_us;
+            let start_ticks = self.timetable.at::<B>(start_us).ticks;
             if start_ticks == at_ticks {
-                self.look_up::<B>(next, start_ticks);
+                self.look_up::<B>(start_ticks);
             }
         }
-        self.count_time(board.now_low_ticks().wrapping_sub(began_ticks));
-        self.heartbeats.settle_slots(B::TICKS_PER_US);
+        let took_ticks = board.now_low_ticks().wrapping_sub(began_ticks);
+        self.safety.count_time(took_ticks);
+        self.safety.settle_time(B::TICKS_PER_US);
         at_ticks
     }
 
@@ -53,87 +52,67 @@ impl RealTime<'_, '_> {
             let now = board.now_ticks();
             self.settle();
             self.look_for_stops(board);
-            if self.waiting.is_some() {
-                self.refuse_late::<B>(now);
+            if self.commands.is_waiting() {
+                self.commands.refuse_late::<B>(now);
             }
-            let Some(mission) = &self.mission else {
+            if self.machine.mission().is_none() {
                 match self.stand_by(board, now) {
                     Some(at_ticks) => return at_ticks,
                     None => continue,
                 }
-            };
-            let (origin, interpreter_slot) = (mission.origin, mission.interpreter_slot);
-            let at = |start_us: u64| Origin {
-                ticks: origin.ticks + ticks::<B>(start_us),
-                us: origin.us + start_us,
-            };
-            let next = self.dispatcher.next();
-            let start_ticks = at(next.start_us).ticks;
+            }
+            let next = self.timetable.next();
+            let start = self.timetable.at::<B>(next.start_us);
             if WARM
-                && let Some(wait_ticks) = start_ticks.checked_sub(now)
-                && next.slot == interpreter_slot
+                && let Some(wait_ticks) = start.ticks.checked_sub(now)
+                && self.timetable.is_interpreters(next.slot)
             {
-                let is_asked = self.changes_mission::<B>(at(next.start_us));
+                let is_asked = self.changes_mission::<B>(start);
                 let lead_ticks = lead_ticks::<B>();
-                let is_coming =
-                    is_asked || self.heartbeats.mission_is_coming.load(Ordering::Relaxed);
+                let is_coming = is_asked || self.safety.is_mission_coming();
                 if is_coming && wait_ticks > lead_ticks {
                     self.feed_watchdog(board, now);
                     return now + poll_ticks.min(wait_ticks - lead_ticks);
                 }
                 if is_asked {
                     // Nothing of the mission before is due until then.
-                    self.change_mission(at(next.start_us));
+                    self.change_mission(start);
                     continue;
                 }
             }
-            let Some(late_ticks) = now.checked_sub(start_ticks) else {
+            let Some(late_ticks) = now.checked_sub(start.ticks) else {
                 self.feed_watchdog(board, now);
                 // A slot is not delayed by a poll just before it.
-                return if start_ticks - now > 2 * poll_ticks {
+                return if start.ticks - now > 2 * poll_ticks {
                     now + poll_ticks
                 } else {
-                    start_ticks
+                    start.ticks
                 };
             };
             let late_us = microseconds(late_ticks, B::TICKS_PER_US);
-            let missed_before = self.dispatcher.missed(next.slot);
-            let Some(taken) = self.dispatcher.take(next.start_us + late_us) else {
+            let Some((activation, missed)) = self.timetable.take(late_us) else {
                 return now + poll_ticks;
             };
-            let missed = self
-                .dispatcher
-                .missed(taken.slot)
-                .wrapping_sub(missed_before);
-            let interpreter = taken.slot == interpreter_slot;
             if PARAMS
-                && interpreter
-                && let Some(command) = self.waiting.take_if(|command| command.sets_param())
+                && activation.interpreter
+                && let Some(content) = (self.commands)
+                    .take_waiting_if(|command| matches!(command, Command::SetParam { .. }))
             {
-                self.set_param(command);
-                self.send(command);
+                self.set_param(content);
+                self.commands.send(content);
             }
-            let start = at(taken.start_us);
-            if interpreter && self.changes_mission::<B>(start) {
-                self.note_deadline_misses(taken.slot, missed);
-                self.give_up_before(taken.start_us);
+            let start = self.timetable.at::<B>(activation.start_us);
+            if activation.interpreter && self.changes_mission::<B>(start) {
+                self.note_deadline_misses(activation.slot, missed);
+                self.give_up_before(activation.start_us);
                 self.change_mission(start);
                 continue;
             }
-            let Some(mission) = &mut self.mission else {
-                continue;
-            };
-            let activation = Activation {
-                slot: taken.slot,
-                start_us: taken.start_us,
-                number: mission.activations,
-                interpreter,
-            };
-            if interpreter && missed > 0 {
-                mission.interpreter.skip(missed);
-                mission.next_step += u64::from(missed);
-                self.record.skipped(missed);
-                self.trace.write_next_in_full();
+            if activation.interpreter && missed > 0 {
+                if let Some(mission) = self.machine.mission_mut() {
+                    mission.skip(missed);
+                }
+                self.observers.skip_steps(missed);
             }
             self.count_deadline_misses(board, &activation, missed);
             self.execute(board, &activation, now, start.ticks);
@@ -143,20 +122,20 @@ impl RealTime<'_, '_> {
     /// Starts the mission that waits, where there is none; or else keeps the robot still, and
     /// returns when to be called again.
     fn stand_by<B: Board>(&mut self, board: &mut B, now: u64) -> Option<u64> {
-        if self.waiting.is_some() {
+        if self.commands.is_waiting() {
             let lead_ticks = ticks::<B>(B::START_LEAD_US);
             self.change_mission(Origin {
                 ticks: now + lead_ticks,
-                us: self.previous_end_us,
+                us: self.timetable.previous_end_us(),
             });
-            if self.mission.is_some() {
+            if self.machine.mission().is_some() {
                 return None;
             }
         }
         self.send_answered();
         self.take_run_back(None);
         self.feed_watchdog(board, now);
-        if self.mode == Mode::EmergencyStopped {
+        if self.safety.mode() == Mode::EmergencyStopped {
             self.hold_still(board);
         }
         board.motors_off();
@@ -170,15 +149,8 @@ impl RealTime<'_, '_> {
     fn give_up_before(&mut self, start_us: u64) {
         // A slot that is taken goes on at or after `start_us`, so that each of them is taken once
         // at most.
-        while let Some(last_us) = start_us.checked_sub(1) {
-            let owed = self.dispatcher.next().slot;
-            let before = self.dispatcher.missed(owed);
-            if self.dispatcher.take(last_us).is_none() {
-                return;
-            }
-            let skipped = self.dispatcher.missed(owed).wrapping_sub(before);
-            // It was handed out, but is not executed.
-            self.note_deadline_misses(owed, skipped.saturating_add(1));
+        while let Some((slot, missed)) = self.timetable.give_up_before(start_us) {
+            self.note_deadline_misses(slot, missed);
         }
     }
 }

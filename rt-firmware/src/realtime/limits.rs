@@ -1,4 +1,8 @@
-//! When what goes wrong is too much.
+//! When what goes wrong is too much, and how long nothing is looked at.
+
+/// How long the real-time side leaves the link without an answer, and the watchdog without food,
+/// when no slot is due.
+pub const IDLE_POLL_US: u32 = 10_000;
 
 /// How much may go wrong before the robot goes to its safe state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

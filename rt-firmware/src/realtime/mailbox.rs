@@ -22,7 +22,7 @@ const BUFFER_PLACES: usize = 3;
 /// The queues between the sides.
 pub struct Mailbox<'m> {
     pub(crate) to_real_time: Queue<Posted<'m>, PLACES>,
-    pub(crate) to_link: Queue<&'m mut Command<'m>, PLACES>,
+    pub(crate) to_link: Queue<&'m mut Content<'m>, PLACES>,
     pub(crate) to_background: Queue<&'m mut Option<BackgroundRun<'m>>, PLACES>,
     pub(crate) from_background: Queue<&'m mut Option<BackgroundRun<'m>>, PLACES>,
     pub(crate) freed: Queue<Freed<'m>, BUFFER_PLACES>,
@@ -34,7 +34,7 @@ pub(crate) const NO_DEADLINE: u64 = u64::MAX >> u16::BITS;
 
 /// The command on its way to the real-time side.
 pub(crate) struct Posted<'m> {
-    pub(crate) command: &'m mut Command<'m>,
+    pub(crate) content: &'m mut Content<'m>,
     /// When it is too late for what it asks for, on the board's clock in microseconds.
     pub(crate) by_us: u64,
     /// How often a stop had been wished for; none if one is heard already that came behind what is
@@ -70,15 +70,31 @@ impl Mailbox<'_> {
     }
 }
 
-/// A command of the link to the real-time side, or the reply to it, which takes its place.
+/// What is in the one place for a command and its reply. A reply takes the place of its command: so
+/// one enum of the two is as large as the larger, and a swap, which brings a mission, is given back
+/// where it was put.
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there is one place, and no heap to box a part of it on"
+)]
+pub(crate) enum Content<'m> {
+    /// Nothing.
+    Empty,
+    /// From the link to the real-time side.
+    Command(Command<'m>),
+    /// Back.
+    Reply(Reply<'m>),
+    /// Link, to itself: it makes an answer here that it need not ask for.
+    Note(Bytes),
+}
+
+/// What the link asks of the real-time side.
 #[allow(
     clippy::large_enum_variant,
     reason = "there is one command, and no heap to box a part of it on"
 )]
 pub(crate) enum Command<'m> {
-    /// Nothing.
-    Empty,
-    /// Command: switch to this mission.
+    /// Switch to this mission.
     Swap {
         /// The mission.
         mission: StagedMission<'m>,
@@ -87,7 +103,78 @@ pub(crate) enum Command<'m> {
         /// What was saved of parameters, for this mission or another.
         saved: SavedParams,
     },
-    /// Reply: it runs.
+    /// The mission on trial stays.
+    Confirm {
+        /// Its hash.
+        mission: u32,
+        /// The mission store has one on trial: perhaps it did not take the confirmation of one that
+        /// is on trial no more.
+        again: bool,
+    },
+    /// Back to the mission before.
+    FallBack {
+        /// Hash of the mission on trial.
+        mission: u32,
+    },
+    /// Start anew.
+    Start,
+    /// End the emergency stop.
+    Release,
+    /// Bytes of the blob from here on.
+    ReadBlob {
+        /// The first byte wanted.
+        offset: u32,
+    },
+    /// Current states from this region instance on.
+    ReadStates {
+        /// The first region instance wanted.
+        first: u16,
+    },
+    /// What was counted of this slot.
+    ReadSlot {
+        /// Its index.
+        slot: u8,
+    },
+    /// What was counted of this task instance.
+    ReadTask {
+        /// Its index.
+        task_instance: u16,
+    },
+    /// The value of this parameter.
+    ReadParam {
+        /// Hash of the mission that is meant.
+        mission: u32,
+        /// Index of the parameter in its blob.
+        param: u16,
+    },
+    /// Another value for this parameter.
+    SetParam {
+        /// Hash of the mission that is meant.
+        mission: u32,
+        /// Index of the parameter in its blob.
+        param: u16,
+        /// Bits of the value.
+        value: u32,
+    },
+    /// What differs from the mission's values?
+    ReadChanged {
+        /// Hash of the mission that is meant.
+        mission: u32,
+    },
+    /// This was saved.
+    Saved(SavedParams),
+    /// Values, or what they are made of.
+    AskValues {
+        /// Number of the request.
+        number: u8,
+        /// What it asks for.
+        ask: Bytes,
+    },
+}
+
+/// What the real-time side replies.
+pub(crate) enum Reply<'m> {
+    /// The mission runs.
     Swapped {
         /// Hash of the new mission.
         mission: u32,
@@ -98,52 +185,25 @@ pub(crate) enum Command<'m> {
         /// Given back.
         pairs: MappingTable<'m>,
     },
-    /// Command: the mission on trial stays.
-    Confirm {
-        /// Its hash.
-        mission: u32,
-        /// The mission store has one on trial: perhaps it did not take the confirmation of one that
-        /// is on trial no more.
-        again: bool,
-    },
-    /// Reply: it does.
+    /// The mission stays.
     Confirmed {
         /// Its hash.
         mission: u32,
     },
-    /// Command: back to the mission before.
-    FallBack {
-        /// Hash of the mission on trial.
-        mission: u32,
-    },
-    /// Command: start anew.
-    Start,
-    /// Reply: it starts.
+    /// It starts.
     Started,
-    /// Command: end the emergency stop.
-    Release,
-    /// Reply: it has ended.
+    /// The emergency stop has ended.
     Released,
-    /// Reply: it is done.
+    /// It is done.
     Done,
-    /// Command: bytes of the blob from here on.
-    ReadBlob {
-        /// The first byte wanted.
-        offset: u32,
-    },
-    /// Reply: these.
+    /// A part of the blob.
     Blob {
         /// Length of the blob.
         total: u32,
         /// Some of its bytes.
         bytes: Bytes,
     },
-    /// Command: current states from this region instance on.
-    ReadStates {
-        /// The first region instance wanted.
-        first: u16,
-    },
-    /// Reply: these, two bytes each.
+    /// Current states, two bytes each.
     States {
         /// Number of the next macro step since the mission started; those that were missed count.
         step: u64,
@@ -152,28 +212,11 @@ pub(crate) enum Command<'m> {
         /// Some of their states.
         bytes: Bytes,
     },
-    /// Command: what was counted of this slot.
-    ReadSlot {
-        /// Its index.
-        slot: u8,
-    },
-    /// Reply: this.
+    /// What was counted of a slot.
     Slot(SlotCounters),
-    /// Command: what was counted of this task instance.
-    ReadTask {
-        /// Its index.
-        task_instance: u16,
-    },
-    /// Reply: this.
+    /// What was counted of a task instance.
     Task(TaskCounters),
-    /// Command: the value of this parameter.
-    ReadParam {
-        /// Hash of the mission that is meant.
-        mission: u32,
-        /// Index of the parameter in its blob.
-        param: u16,
-    },
-    /// Reply: this.
+    /// A parameter.
     Param {
         /// Bits of its value.
         value: u32,
@@ -182,65 +225,48 @@ pub(crate) enum Command<'m> {
         /// Bits of the value that was saved for it.
         saved: Option<u32>,
     },
-    /// Command: another value for this parameter.
-    SetParam {
-        /// Hash of the mission that is meant.
-        mission: u32,
-        /// Index of the parameter in its blob.
-        param: u16,
-        /// Bits of the value.
-        value: u32,
-    },
-    /// Reply: it has it.
+    /// The parameter has the value.
     ParamSet {
         /// Bits of the value before.
         before: u32,
     },
-    /// Command: what differs from the mission's values?
-    ReadChanged {
-        /// Hash of the mission that is meant.
-        mission: u32,
-    },
-    /// Reply: this.
+    /// What differs from the mission's values.
     Changed(SavedParams),
-    /// Command: this was saved.
-    Saved(SavedParams),
-    /// Reply: with that the mission starts from now on.
+    /// With what was saved the mission starts from now on.
     ParamsSaved {
         /// How many values.
         count: u8,
     },
-    /// Command: values, or what they are made of.
-    AskValues {
-        /// Number of the request.
-        number: u8,
-        /// What it asks for.
-        ask: Bytes,
-    },
-    /// Reply: they are made of this.
+    /// What values are made of.
     Fields {
         /// All of it.
         text: &'static str,
         /// The first byte wanted.
         offset: u16,
     },
-    /// Reply: samples from now on are of the request of this number.
+    /// Samples from now on are of the request of this number.
     ValuesWanted {
         /// The number.
         number: u8,
         /// Hash of the mission that they are of.
         mission: u32,
     },
-    /// Reply: that cannot be done. What it comes to too late goes back as it came.
+    /// That cannot be done. What it comes to too late goes back as it came, as a command.
     Failed(LinkError),
-    /// Link, to itself: it makes an answer here that it need not ask for.
-    Note(Bytes),
 }
 
-impl Command<'_> {
-    /// Whether it brings another value of a parameter.
-    pub(crate) fn sets_param(&self) -> bool {
-        matches!(self, Command::SetParam { .. })
+impl<'m> Content<'m> {
+    /// The command, if it is one.
+    pub(crate) fn command(&self) -> Option<&Command<'m>> {
+        match self {
+            Content::Command(command) => Some(command),
+            _ => None,
+        }
+    }
+
+    /// Replies that it cannot be done.
+    pub(crate) fn refuse(&mut self, error: LinkError) {
+        *self = Content::Reply(Reply::Failed(error));
     }
 }
 

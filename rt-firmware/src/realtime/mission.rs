@@ -5,15 +5,12 @@
 
 use esm_core::StateMapping;
 
-use super::params::LiveParams;
-use super::running::{Mission, Origin, interpreter_period_us};
-use super::staging::{MissionMemory, Prepared, StoppedMission};
-use super::tasks::{self, Lists};
-use super::{RealTime, params};
+use super::RealTime;
+use super::machine::Mission;
+use super::staging::{Prepared, StoppedMission};
+use super::tasks::Lists;
+use super::timetable::Origin;
 use crate::features::WARM;
-use esm_link::black_box::Event;
-use esm_link::message::Mode;
-use esm_link::trace::TraceEvent;
 
 impl<'m> RealTime<'_, 'm> {
     /// Starts a mission whose first macro step is `at` this time. `running` is what was in its
@@ -29,82 +26,32 @@ impl<'m> RealTime<'_, 'm> {
         at: Origin,
         common: Option<&StateMapping<'_>>,
     ) -> (u16, Option<StoppedMission<'m>>) {
-        self.running = None;
-        self.supervisor = None;
-        self.failure = None;
-        self.heard_us = at.us;
-        self.executor.inputs().link_silent_us = 0;
-        self.params = LiveParams::NONE;
+        self.execution.forget_said();
         self.begin_health();
-        let Prepared {
-            mut interpreter,
-            lists,
-        } = prepared;
-        let tables = interpreter.tables();
-        let follows = running.filter(|(_, period_us)| *period_us == interpreter_period_us(&tables));
-        let origin = follows.map_or(at, |(origin, _)| origin);
-        let began_us = at.us - origin.us;
-        // It was checked before that there is room for the slots, and verified that they have
-        // periods.
-        let refused = self.dispatcher.restart_at(tables.slots(), began_us);
-        debug_assert!(refused.is_ok());
-        // What starts with the interpreter, and before it in the order of the slots, has been.
-        while follows.is_some()
-            && self.dispatcher.next().slot != tables.interpreter_slot()
-            && self.dispatcher.take(began_us).is_some()
-        {}
-        let old = self.tasks.begin(lists);
+        let Prepared { interpreter, lists } = prepared;
+        let mut mission = Mission::new(interpreter);
+        let old = self.execution.begin_mission(lists);
         let (mut carried, mut tasks_us) = (0, 0);
         // Where there is memory for one mission, the one before has ended.
-        let before = if WARM { self.mission.take() } else { None };
+        let before = if WARM { self.machine.take() } else { None };
         if WARM {
-            self.executor.begin_migration();
-            if let (Some(before), Some(mapping)) = (&before, common) {
-                carried = interpreter.take_over(&before.interpreter, mapping).regions;
-                tasks_us = before.t_us(at.us.saturating_sub(before.origin.us));
-                let registry = self.executor.registry();
-                self.tasks
-                    .go_on(old.tasks, mapping.tasks(), registry, |task| {
-                        interpreter.is_enabled(task)
-                    });
-                for (net, other) in mapping.nets() {
-                    self.executor.migrate_net(net, other);
-                }
+            self.execution.begin_migration();
+            if let (Some(before), Some(common)) = (&before, common) {
+                carried = mission.take_over(before, common);
+                tasks_us = self.timetable.t_us_at(at.us);
+                self.execution.take_over(old.tasks, common, &mission);
             }
-            self.executor.end_migration(tasks::left_behind(old.tasks));
+            self.execution.end_migration(old.tasks);
         }
-        let tables = interpreter.tables();
-        let longest = tables.slots().map(|slot| slot.period_us).max();
-        let shortest = tables.slots().map(|slot| slot.period_us).min();
-        self.shortest_period_us = shortest.unwrap_or(0);
-        self.supervision.begin_mission(longest.unwrap_or(0));
-        let mission = interpreter.verified().hash();
-        let saved = self.saved.of(mission);
-        params::restore(&mut self.params, saved, &tables, self.executor.registry());
-        self.health.mission = Some(mission);
-        if !self.mode.is_latched() {
-            self.mode = Mode::Running;
-        }
-        let interpreter_slot = tables.interpreter_slot();
-        self.note(Event::Mission { hash: mission });
-        self.trace.write_next_in_full();
-        self.trace.record(TraceEvent::Started {
-            mission,
-            start_us: at.us,
-        });
-        self.record.started(mission, at.us, common.is_some());
-        self.sampler.started(mission);
-        self.mission = Some(Mission {
-            interpreter,
-            origin,
-            began_us,
-            tasks_us,
-            activations: 0,
-            next_step: 0,
-            step_us: at.us,
-            interpreter_slot,
-        });
-        (carried, before.map(|before| self.rest(before, old)))
+        let tables = mission.tables();
+        let longest_us = (self.timetable).begin_mission(&tables, running, at, tasks_us);
+        self.safety.begin_mission(at.us, longest_us);
+        let robot_us = self.timetable.previous_end_us();
+        let (hash, is_warm) = (mission.hash(), common.is_some());
+        (self.observers).begin_mission(robot_us, hash, at.us, is_warm);
+        let registry = self.execution.registry();
+        self.machine.begin_mission(mission, registry);
+        (carried, before.map(|before| self.machine.rest(before, old)))
     }
 
     /// Starts a mission that does not run, from its beginning.
@@ -116,10 +63,11 @@ impl<'m> RealTime<'_, 'm> {
         at: Origin,
     ) {
         // A mission that has ended has left a room.
-        let prepared = self.own.take(spare).and_then(|memory| match WARM {
+        let memory = self.machine.own_memory().take(spare);
+        let prepared = memory.and_then(|memory| match WARM {
             true => Prepared::again(mission, memory),
             // The room was another's.
-            false => Prepared::new(mission, memory, self.executor.registry()),
+            false => Prepared::new(mission, memory, self.execution.registry()),
         });
         debug_assert!(prepared.is_some());
         if let Some(prepared) = prepared {
@@ -131,23 +79,17 @@ impl<'m> RealTime<'_, 'm> {
     // Not inlined: no other mission should be made on top of this one.
     #[inline(never)]
     pub(super) fn end_mission(&mut self) -> Option<StoppedMission<'m>> {
-        let mission = self.mission.take()?;
-        let lists = self.tasks.begin(Lists::default());
-        self.executor.begin_migration();
-        self.executor.end_migration(tasks::left_behind(lists.tasks));
-        Some(self.rest(mission, lists))
+        let mission = self.machine.take()?;
+        let lists = self.execution.begin_mission(Lists::default());
+        self.execution.begin_migration();
+        self.execution.end_migration(lists.tasks);
+        Some(self.machine.rest(mission, lists))
     }
 
-    /// The origin of the mission's slots, and its interpreter's period.
+    /// The origin of the mission's slots, and its interpreter's period, if there is one.
     #[inline(never)]
     pub(super) fn running(&self) -> Option<(Origin, u32)> {
-        self.mission.as_ref().map(Mission::running)
-    }
-
-    /// Takes a mission apart that has ended.
-    fn rest(&mut self, mission: Mission<'m>, lists: Lists<'m>) -> StoppedMission<'m> {
-        let (mission, arena) = mission.interpreter.into_parts();
-        let spare = self.own.keep(MissionMemory { arena, lists });
-        StoppedMission { mission, spare }
+        let is_there = self.machine.mission().is_some();
+        is_there.then(|| self.timetable.running())
     }
 }

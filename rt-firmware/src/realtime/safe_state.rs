@@ -1,35 +1,25 @@
 //! Motors off: the host's stop, the emergency stop, and the safe state that the robot goes to by
-//! itself.
+//! itself. And the watchdog, which is fed while all live who should.
 //!
 //! *Invariant:* what is latched ends by what the host says alone, and the reason for which a robot
 //! stopped first stays.
 
-use core::sync::atomic::Ordering;
-
 use super::RealTime;
+use super::events::Event;
 use super::trial::is_the_missions_fault;
 use crate::board::Board;
-use crate::realtime::mailbox::Command;
-use esm_link::black_box::Event;
-use esm_link::message::{LinkError, Mode, SafeReason};
-use esm_link::trace::{EMERGENCY, TraceEvent};
+use esm_link::message::{Mode, SafeReason};
 
 impl RealTime<'_, '_> {
     /// Puts the robot into its safe state: for what a board finds out outside of activations.
     pub fn fail_safe(&mut self, board: &mut impl Board, reason: SafeReason) {
         self.forget_next();
-        if !self.mode.is_latched() {
-            self.mode = Mode::Safe(reason);
-            self.note(Event::Mode(self.mode));
+        let mode = Mode::Safe(reason);
+        let is_new = self.safety.go_to(mode);
+        if is_the_missions_fault(reason) {
+            self.machine.fail_trial(reason);
         }
-        if let Some(trial) = &mut self.trial
-            && is_the_missions_fault(reason)
-        {
-            trial.failed.get_or_insert(reason);
-        }
-        self.trace.record(TraceEvent::MotorsOff {
-            reason: Some(reason.number()),
-        });
+        self.tell_motors_off(mode, is_new);
         board.motors_off();
         self.tell_health();
     }
@@ -38,29 +28,26 @@ impl RealTime<'_, '_> {
     #[inline(never)]
     pub(super) fn set_stopped<B: Board>(&mut self, mode: Mode, board: &mut B) {
         self.forget_next();
-        self.mode = mode;
-        self.note(Event::Mode(mode));
-        let reason = (mode == Mode::EmergencyStopped).then_some(EMERGENCY);
-        self.trace.record(TraceEvent::MotorsOff { reason });
+        self.safety.set_mode(mode);
+        self.tell_motors_off(mode, true);
         board.motors_off();
     }
 
-    /// Whether somebody wants the robot to stop who was not heard yet.
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn is_stop_wanted<B: Board>(&self, board: &mut B) -> bool {
-        self.heartbeats.stops.is_called() || board.is_emergency_stop_pressed()
+    // Not inlined: there are more who switch the motors off than kinds of records.
+    #[inline(never)]
+    fn tell_motors_off(&mut self, mode: Mode, is_new: bool) {
+        let robot_us = self.timetable.previous_end_us();
+        self.observers
+            .tell(robot_us, Event::MotorsOff { mode, is_new });
     }
 
     /// Stops the robot if somebody wants that: by its button, or by the link's line. To be called
     /// before each exchange with the body.
     #[inline(never)]
     pub(super) fn look_for_stops<B: Board>(&mut self, board: &mut B) {
-        let is_called = self.heartbeats.stops.is_called();
-        if is_called {
-            self.heartbeats.stops.take_call();
-        }
-        if self.mode != Mode::EmergencyStopped
-            && (self.heartbeats.is_emergency_stopped() || is_stop_pressed(board))
+        let is_called = self.safety.take_stop_call();
+        if self.safety.mode() != Mode::EmergencyStopped
+            && (self.safety.is_emergency_latched() || is_stop_pressed(board))
         {
             self.stop_for_emergency(board);
         }
@@ -74,49 +61,26 @@ impl RealTime<'_, '_> {
     #[cold]
     #[inline(never)]
     fn stop_as_wished<B: Board>(&mut self, board: &mut B) {
-        // What is read first is answered: a wish that comes after it is counted in the next round.
-        let read = self.heartbeats.stops.count_read();
-        let wishes = self.heartbeats.stops.count();
-        if wishes != self.stops {
-            self.stops = wishes;
-            if self.mode.is_latched() {
+        let (read, is_new) = self.safety.look_at_wishes();
+        if is_new {
+            if self.safety.mode().is_latched() {
                 // Once more, whoever switched them on.
                 board.motors_off();
             } else {
                 self.set_stopped(Mode::Stopped, board);
             }
-            self.refuse_start();
+            self.commands.refuse_start();
             self.tell_health();
         }
-        self.heartbeats.stops.set_done(read);
-    }
-
-    /// A start that is under way does not come through.
-    fn refuse_start(&mut self) {
-        if let Some(command) = (self.waiting).take_if(|command| matches!(command, Command::Start)) {
-            *command = Command::Failed(LinkError::StopCame);
-            self.send(command);
-        }
-        if let Some(command) = &mut self.answered
-            && let Command::Started = **command
-        {
-            **command = Command::Failed(LinkError::StopCame);
-        }
+        self.safety.set_stopped_for(read);
     }
 
     /// Stops the robot for an emergency, until it is released.
     #[cold]
     #[inline(never)]
-    pub(super) fn stop_for_emergency<B: Board>(&mut self, board: &mut B) {
-        if !self.heartbeats.emergency_stop.load(Ordering::Relaxed) {
-            self.count_press();
-        }
-        self.heartbeats
-            .emergency_stop
-            .store(true, Ordering::Relaxed);
-        if let Some(kept) = self.kept {
-            kept.set_emergency_stop(true);
-        }
+    fn stop_for_emergency<B: Board>(&mut self, board: &mut B) {
+        self.safety.latch();
+        self.observers.keep_emergency_stop(true);
         self.set_stopped(Mode::EmergencyStopped, board);
         self.hold_still(board);
         self.tell_health();
@@ -126,20 +90,25 @@ impl RealTime<'_, '_> {
     #[inline(never)]
     pub(super) fn hold_still<B: Board>(&mut self, board: &mut B) {
         board.motors_off();
-        let is_pressed = is_stop_pressed(board);
-        self.heartbeats
-            .stop_pressed
-            .store(is_pressed, Ordering::Relaxed);
-        if is_pressed {
-            self.count_press();
-        }
+        self.safety.tell_press(is_stop_pressed(board));
     }
 
-    /// The button is pressed: what was sent before does not end this.
-    fn count_press(&mut self) {
-        self.heartbeats.stops.press();
-        // The robot stops for it now.
-        self.stops = self.stops.wrapping_add(1);
+    /// Feeds the watchdog if all have shown that they live who should have.
+    #[inline(never)]
+    pub(super) fn feed_watchdog<B: Board>(&mut self, board: &mut B, now_ticks: u64) {
+        let (machine, execution) = (&self.machine, &mut self.execution);
+        let first_silent_slot = || {
+            let mission = machine.mission();
+            let count = mission.map_or(0, |mission| mission.tables().slots().len());
+            execution.first_silent_slot(count)
+        };
+        let fed = self
+            .safety
+            .may_feed(now_ticks, B::TICKS_PER_US, first_silent_slot);
+        match fed {
+            Ok(()) => board.feed_watchdog(),
+            Err(who) => self.observers.keep_silent(who),
+        }
     }
 }
 

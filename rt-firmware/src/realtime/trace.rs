@@ -1,16 +1,13 @@
-//! The observer: writes what the interpreter does into the trace ring.
+//! The trace: records of what happens, in a ring, if somebody wants them.
 
 use core::ops::Deref;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use esm_core::tables::Tables;
-use esm_core::{Fault, Interpreter, Observer, StepSummary, TransitionTaken};
+use esm_core::{Interpreter, StepSummary};
 
-use super::tasks::TaskTable;
-use crate::black_box::BlackBox;
 use crate::ring::RingWriter;
-use esm_link::black_box::Event;
-use esm_link::trace::{FaultCode, TraceEvent, write_step};
+use esm_link::trace::{TraceEvent, write_step};
 
 /// Room that transitions and steps leave to records that come seldom and must not be lost: a
 /// machine that goes wild fills the ring with transitions before its fault is known.
@@ -78,15 +75,6 @@ impl<'m> Trace<'m> {
             });
         self.stale = !written;
     }
-
-    /// Writes the fault that ended a macro step.
-    pub(crate) fn fault(&mut self, step: u64, fault: Fault) {
-        let code = match fault {
-            Fault::EventQueueOverflow => FaultCode::EventQueueOverflow,
-            Fault::MacroStepLimit => FaultCode::MacroStepLimit,
-        };
-        self.record(TraceEvent::Fault { step, code });
-    }
 }
 
 /// The current states of the active regions, each superstate followed by what is inside.
@@ -116,42 +104,5 @@ impl<F: Fn(usize) -> usize> Iterator for ActiveStates<'_, F> {
         let inside = self.tables.first_region_inside(self.at, state);
         self.at = inside.unwrap_or(region.next);
         Some(item)
-    }
-}
-
-/// Watches a macro step: keeps the task table up to date and writes transitions, to the trace and
-/// the black box.
-pub(crate) struct StepObserver<'o, 'm> {
-    pub(crate) tasks: &'o mut TaskTable<'m>,
-    pub(crate) trace: &'o mut Trace<'m>,
-    pub(crate) black_box: Option<&'m BlackBox>,
-    /// Robot time of the macro step.
-    pub(crate) robot_us: u64,
-}
-
-impl Observer for StepObserver<'_, '_> {
-    fn transition(&mut self, taken: TransitionTaken) {
-        if let Some(black_box) = self.black_box {
-            black_box.record(
-                self.robot_us,
-                Event::Transition {
-                    region_instance: taken.region_instance,
-                    transition: taken.transition,
-                },
-            );
-        }
-        self.trace.record(TraceEvent::Transition {
-            micro: taken.micro,
-            region_instance: taken.region_instance,
-            transition: taken.transition,
-        });
-    }
-
-    fn enabled(&mut self, task_instance: u16) {
-        self.tasks.enable(task_instance);
-    }
-
-    fn disabled(&mut self, task_instance: u16) {
-        self.tasks.disable(task_instance);
     }
 }

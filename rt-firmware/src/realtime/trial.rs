@@ -2,28 +2,18 @@
 //! for it, the robot goes back to the mission before, which is whole as long as the trial lasts.
 
 use super::RealTime;
-use super::running::{Origin, Trial};
+use super::events::Event;
+use super::machine::Trial;
 use super::staging::StoppedMission;
+use super::timetable::Origin;
 use esm_link::message::{Mode, SafeReason};
-use esm_link::trace::TraceEvent;
 use esm_link::trial::{FallBack, FallBackReason};
 
 impl<'m> RealTime<'_, 'm> {
-    /// Whether the mission of this hash is on trial, and has not failed.
-    pub(super) fn is_on_trial(&self, mission: u32) -> bool {
-        let goes_on = (self.trial.as_ref()).is_some_and(|trial| trial.failed.is_none());
-        goes_on && self.health.mission == Some(mission)
-    }
-
-    /// Whether the mission of this hash runs, and none is on trial.
-    pub(super) fn stays(&self, mission: u32) -> bool {
-        self.trial.is_none() && self.health.mission == Some(mission)
-    }
-
     /// Goes back to the mission before the one on trial.
     #[inline(never)]
     pub(super) fn fall_back(&mut self, reason: FallBackReason, at: Origin) {
-        let Some(Trial { before, safe, .. }) = self.trial.take() else {
+        let Some(Trial { before, safe, .. }) = self.machine.end_trial() else {
             return;
         };
         let running = self.running();
@@ -34,19 +24,19 @@ impl<'m> RealTime<'_, 'm> {
             mission: failed.mission.hash(),
             reason,
         };
-        self.trace.record(TraceEvent::FellBack {
-            mission: fell_back.mission,
-            reason: reason.number(),
-        });
-        self.free(failed, Some(fell_back));
-        self.health.fell_back = Some(fell_back);
-        let mode = self.mode;
+        self.observers.tell(at.us, Event::FellBack(fell_back));
+        self.machine.free(failed, Some(fell_back));
+        let mode = self.safety.mode();
         self.go_back_to(before, running, at);
         match (mode, safe) {
             // What the mission before would not have helped against.
-            (Mode::Safe(reason), _) if !is_the_missions_fault(reason) => self.mode = mode,
+            (Mode::Safe(reason), _) if !is_the_missions_fault(reason) => {
+                self.safety.set_mode(mode);
+            }
             // Where it had failed, nobody may be there to look after it.
-            (_, Some(reason)) if self.is_running() => self.mode = Mode::Safe(reason),
+            (_, Some(reason)) if self.safety.is_running() => {
+                self.safety.set_mode(Mode::Safe(reason));
+            }
             _ => {}
         }
         self.tell_health();

@@ -7,7 +7,7 @@ use super::handler::RequestHandler;
 use super::port::LinkPort;
 use crate::black_box::KEEPS_RECORDS;
 use crate::features::{PARAMS, RECORD, STATUS_EVENTS, TELEMETRY, WARM};
-use crate::realtime::mailbox::{Bytes, Command};
+use crate::realtime::mailbox::{Bytes, Content};
 use esm_link::access::Access;
 use esm_link::features::{Feature, Features};
 use esm_link::message::{
@@ -132,10 +132,10 @@ impl RequestHandler<'_, '_> {
 
     /// Keeps bytes until they are sent, in the command that nobody writes now.
     fn note(&mut self, bytes: Bytes) -> Result<&mut Bytes, LinkError> {
-        let command = self.command.as_deref_mut().ok_or(LinkError::Busy)?;
-        *command = Command::Note(bytes);
-        match command {
-            Command::Note(bytes) => Ok(bytes),
+        let content = self.command.as_deref_mut().ok_or(LinkError::Busy)?;
+        *content = Content::Note(bytes);
+        match content {
+            Content::Note(bytes) => Ok(bytes),
             _ => Err(LinkError::Busy),
         }
     }

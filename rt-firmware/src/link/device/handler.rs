@@ -10,7 +10,7 @@ use crate::about::About;
 use crate::heartbeats::Heartbeats;
 use crate::link::status_event::Watch;
 use crate::ports::Registry;
-use crate::realtime::mailbox::{Command, Freed, Posted};
+use crate::realtime::mailbox::{Content, Freed, Posted};
 use crate::realtime::staging::MissionMemories;
 use crate::recorder::RecordReader;
 use crate::ring::RingReader;
@@ -30,8 +30,8 @@ pub(crate) struct RequestHandler<'q, 'm> {
     /// Memory of missions that do not run, and what has to do with it.
     pub(crate) memories: MissionMemories<'m>,
     pub(crate) upload: Option<Upload<'m>>,
-    /// The command, while it is here.
-    pub(crate) command: Option<&'m mut Command<'m>>,
+    /// The place for a command, while it is here.
+    pub(crate) command: Option<&'m mut Content<'m>>,
     /// The request that is carried out, as long as it has asked nobody.
     pub(crate) pending: Option<PendingRequest>,
     /// Where the link stands among the bytes of its line.
@@ -41,7 +41,7 @@ pub(crate) struct RequestHandler<'q, 'm> {
     /// The request whose answer the command will bring.
     pub(crate) asked: Option<PendingRequest>,
     pub(crate) to_real_time: Producer<'q, Posted<'m>>,
-    pub(crate) from_real_time: Consumer<'q, &'m mut Command<'m>>,
+    pub(crate) from_real_time: Consumer<'q, &'m mut Content<'m>>,
     pub(crate) freed: Consumer<'q, Freed<'m>>,
     /// The mission store's mission is to be started, as soon as the command is here.
     pub(crate) start_wanted: bool,

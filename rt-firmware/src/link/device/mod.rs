@@ -36,7 +36,7 @@ use core::sync::atomic::Ordering;
 
 use crate::features::{KEYS, PARAMS};
 use crate::link::stop_listener::StopListener;
-use crate::realtime::mailbox::{Command, NO_DEADLINE};
+use crate::realtime::mailbox::{Command, Content, NO_DEADLINE, Reply};
 use budget::Budget;
 use client_session::{Answered, AwaitedStop, Before, ClientSession, Sender};
 use esm_link::frame::{FrameReader, MAX_MESSAGE_BYTES, MAX_REPLY_FRAME_BYTES, parse, unpack};
@@ -413,12 +413,12 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         if !client_session.reply.is_done() {
             return;
         }
-        let Some((asked, command)) = self.handler.open_reply() else {
+        let Some((asked, content)) = self.handler.open_reply() else {
             return;
         };
         // A trial that ended before the answer was given is not confirmed by it.
         self.handler.take_freed(port);
-        if PARAMS && let Command::Changed(saved) = *command {
+        if PARAMS && let Content::Reply(Reply::Changed(saved)) = *content {
             // The flash has it before the robot counts on it.
             let is_late = asked.is_some_and(|asked| port.now_us() > asked.by_us);
             let kept = match port.mission_store() {
@@ -428,20 +428,20 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             };
             match kept {
                 Ok(()) => {
-                    *command = Command::Saved(saved);
-                    self.handler.command = Some(command);
+                    *content = Content::Command(Command::Saved(saved));
+                    self.handler.command = Some(content);
                     // What was saved is in force, however late it has become.
                     let by_us = NO_DEADLINE;
                     self.handler.pending = asked.map(|asked| PendingRequest { by_us, ..asked });
                     self.handler.post();
                     return;
                 }
-                Err(error) => *command = Command::Failed(error),
+                Err(error) => content.refuse(error),
             }
         }
-        let kept = match command {
+        let kept = match content {
             // Another stop is latched meanwhile, and is what is kept.
-            Command::Released
+            Content::Reply(Reply::Released)
                 if self
                     .handler
                     .heartbeats
@@ -450,9 +450,9 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             {
                 Ok(())
             }
-            _ => persist_trial(command, port.mission_store()),
+            _ => persist_trial(content, port.mission_store()),
         };
-        if let Command::Released = command {
+        if let Content::Reply(Reply::Released) = content {
             // Pressed again while the flash was written, the button has latched a stop that is to
             // be kept.
             self.handler.stop_is_stored = false;
@@ -460,15 +460,15 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         if let Some(asked) = asked
             && client_session.take_asked()
         {
-            if let Command::ValuesWanted { number, mission } = *command {
+            if let Content::Reply(Reply::ValuesWanted { number, mission }) = *content {
                 self.handler.values.begin(number, mission);
             }
             let (seq, of) = (asked.seq, asked.of);
             let proof = asked.sender.proof(self.handler.keys.session());
-            let result = kept.and_then(|()| answer_of(command));
+            let result = kept.and_then(|()| answer_of(content));
             client_session.set_reply(Answered { seq, of }, result, proof);
         }
-        self.handler.put_away(command);
+        self.handler.put_away(content);
     }
 }
 

@@ -6,7 +6,7 @@
 use super::answers::text_part;
 use super::client_session::Sender;
 use super::handler::{PendingRequest, Reaction, RequestHandler};
-use crate::realtime::mailbox::{Command, NO_DEADLINE, Posted};
+use crate::realtime::mailbox::{Command, Content, NO_DEADLINE, Posted, Reply};
 use esm_link::message::{LinkError, Response};
 
 impl<'m> RequestHandler<'_, 'm> {
@@ -14,8 +14,8 @@ impl<'m> RequestHandler<'_, 'm> {
     #[inline(never)]
     pub(super) fn ask<'a>(&mut self, question: Command<'m>) -> Reaction<'a> {
         match &mut self.command {
-            Some(command) => {
-                **command = question;
+            Some(content) => {
+                **content = Content::Command(question);
                 self.post()
             }
             None => Reaction::Answer(Err(LinkError::Busy)),
@@ -25,7 +25,7 @@ impl<'m> RequestHandler<'_, 'm> {
     /// Sends the command to the real-time side, with what was put into it: for the request that is
     /// carried out, if one is.
     pub(super) fn post<'a>(&mut self) -> Reaction<'a> {
-        let Some(command) = self.command.take() else {
+        let Some(content) = self.command.take() else {
             return Reaction::Answer(Err(LinkError::Busy));
         };
         let asked = self.pending.take();
@@ -40,7 +40,7 @@ impl<'m> RequestHandler<'_, 'm> {
         };
         preemptible!();
         match self.to_real_time.enqueue(Posted {
-            command,
+            content,
             by_us,
             stops,
         }) {
@@ -50,8 +50,8 @@ impl<'m> RequestHandler<'_, 'm> {
                 Reaction::Later
             }
             // There is one command, so that there is always room.
-            Err(Posted { command, .. }) => {
-                self.put_away(command);
+            Err(Posted { content, .. }) => {
+                self.put_away(content);
                 Reaction::Answer(Err(LinkError::Busy))
             }
         }
@@ -64,49 +64,53 @@ impl<'m> RequestHandler<'_, 'm> {
     }
 
     /// The command, if it has come back, and the request that it answers.
-    pub(super) fn open_reply(&mut self) -> Option<(Option<PendingRequest>, &'m mut Command<'m>)> {
-        let command = self.from_real_time.dequeue()?;
-        Some((self.asked.take(), command))
+    pub(super) fn open_reply(&mut self) -> Option<(Option<PendingRequest>, &'m mut Content<'m>)> {
+        let content = self.from_real_time.dequeue()?;
+        Some((self.asked.take(), content))
     }
 
     /// Keeps the command until there is something to ask, and the buffer that is in one that could
     /// not be sent.
-    pub(super) fn put_away(&mut self, command: &'m mut Command<'m>) {
+    pub(super) fn put_away(&mut self, content: &'m mut Content<'m>) {
         self.tell_of_mission(false);
-        match core::mem::replace(command, Command::Empty) {
-            Command::Swap { mission, .. } => {
+        match core::mem::replace(content, Content::Empty) {
+            Content::Command(Command::Swap { mission, .. }) => {
                 let blob = self.memories.take_apart(mission);
                 self.keep(blob);
             }
-            Command::Swapped { pairs, .. } => self.memories.keep_table(pairs),
+            Content::Reply(Reply::Swapped { pairs, .. }) => self.memories.keep_table(pairs),
             _ => {}
         }
-        self.command = Some(command);
+        self.command = Some(content);
     }
 }
 
-/// The answer that a command brings.
-pub(super) fn answer_of<'l>(command: &'l Command<'_>) -> Result<Response<'l>, LinkError> {
-    match command {
-        Command::Swapped {
+/// The answer that came back in the command's place.
+pub(super) fn answer_of<'l>(content: &'l Content<'_>) -> Result<Response<'l>, LinkError> {
+    let Content::Reply(reply) = content else {
+        // It came back as it went.
+        return Err(LinkError::Late);
+    };
+    match reply {
+        Reply::Swapped {
             mission, carried, ..
         } => Ok(Response::Committed {
             mission: *mission,
             carried: *carried,
         }),
-        Command::Failed(error) => Err(*error),
-        Command::Blob { total, bytes } => Ok(Response::Blob {
+        Reply::Failed(error) => Err(*error),
+        Reply::Blob { total, bytes } => Ok(Response::Blob {
             total: *total,
             data: bytes.as_slice(),
         }),
-        Command::States { step, total, bytes } => Ok(Response::States {
+        Reply::States { step, total, bytes } => Ok(Response::States {
             step: *step,
             total: *total,
             states: bytes.as_slice(),
         }),
-        Command::Slot(counters) => Ok(Response::Slot(*counters)),
-        Command::Task(counters) => Ok(Response::TaskInstance(*counters)),
-        Command::Param {
+        Reply::Slot(counters) => Ok(Response::Slot(*counters)),
+        Reply::Task(counters) => Ok(Response::TaskInstance(*counters)),
+        Reply::Param {
             value,
             of_mission,
             saved,
@@ -115,15 +119,15 @@ pub(super) fn answer_of<'l>(command: &'l Command<'_>) -> Result<Response<'l>, Li
             of_mission: *of_mission,
             saved: *saved,
         }),
-        Command::Fields { text, offset } => Ok(text_part(text, usize::from(*offset))),
-        Command::ParamsSaved { count } => Ok(Response::ParamsSaved { count: *count }),
-        Command::ParamSet { before } => Ok(Response::ParamSet { before: *before }),
-        Command::Done
-        | Command::Started
-        | Command::Confirmed { .. }
-        | Command::Released
-        | Command::ValuesWanted { .. } => Ok(Response::Done),
-        // It came back as it went.
-        _ => Err(LinkError::Late),
+        Reply::Fields { text, offset } => Ok(text_part(text, usize::from(*offset))),
+        Reply::ParamsSaved { count } => Ok(Response::ParamsSaved { count: *count }),
+        Reply::ParamSet { before } => Ok(Response::ParamSet { before: *before }),
+        Reply::Done
+        | Reply::Started
+        | Reply::Confirmed { .. }
+        | Reply::Released
+        | Reply::ValuesWanted { .. } => Ok(Response::Done),
+        // It goes to the mission store, and is no answer.
+        Reply::Changed(_) => Err(LinkError::Late),
     }
 }

@@ -176,7 +176,8 @@ impl RequestHandler<'_, '_> {
         Ok(by_us)
     }
 
-    /// Carries a request out.
+    /// Carries a request out: a function for each, where it is more than a word to the real-time
+    /// side.
     fn carry_out<'a, P: LinkPort>(
         &'a mut self,
         request: &Request<'_>,
@@ -184,12 +185,7 @@ impl RequestHandler<'_, '_> {
     ) -> Reaction<'a> {
         match *request {
             Request::Hello => {
-                self.trace_wanted.store(false, Ordering::Relaxed);
-                self.log_wanted = false;
-                self.watch = None;
-                self.values.end();
-                // To end one is never refused.
-                let _ = self.record.want(false);
+                self.end_streams();
                 let access = self.keys.access(port.key_store());
                 Reaction::Answer(Ok(Response::Hello(self.introduce(P::WINDOW_BYTES, access))))
             }
@@ -197,20 +193,10 @@ impl RequestHandler<'_, '_> {
             Request::Chunk { offset, data } => Reaction::Answer(self.chunk(offset, data)),
             Request::Commit(swap) => self.commit(swap, port),
             Request::Abort => {
-                if !mutant!(AbortForgotten) {
-                    self.end_upload();
-                }
-                Reaction::Answer(Ok(Response::Done))
+                self.abort();
+                done(Ok(()))
             }
-            Request::Status => {
-                let kept = port
-                    .mission_store()
-                    .map(|mission_store| mission_store.kept());
-                let flash = port
-                    .mission_store()
-                    .map(|mission_store| mission_store.flash_health());
-                Reaction::Answer(self.status(port.deepest_stack_bytes(), kept, flash))
-            }
+            Request::Status => Reaction::Answer(self.whole_status(port)),
             Request::Stop => {
                 self.pending = None;
                 self.stop(port)
@@ -225,12 +211,7 @@ impl RequestHandler<'_, '_> {
             Request::TaskCounters { task_instance } => {
                 self.ask(Command::ReadTask { task_instance })
             }
-            Request::Confirm { mission } => {
-                let again = port
-                    .mission_store()
-                    .is_some_and(|mission_store| mission_store.kept().is_on_trial());
-                self.ask(Command::Confirm { mission, again })
-            }
+            Request::Confirm { mission } => self.confirm(mission, port),
             Request::FallBack { mission } => self.ask(Command::FallBack { mission }),
             Request::CrashReport => Reaction::Answer(self.crash_report()),
             Request::BlackBox { from } => Reaction::Answer(self.black_box(from)),
@@ -253,23 +234,9 @@ impl RequestHandler<'_, '_> {
                 Some(_) => self.ask(Command::ReadChanged { mission }),
                 None => Reaction::Answer(Err(LinkError::NoStore)),
             },
-            Request::Watch { news: true, .. } if !STATUS_EVENTS => {
-                Reaction::Answer(Err(LinkError::NotBuiltIn))
-            }
-            Request::Watch { news, period_ms } => {
-                self.watch = news.then(|| Watch::new(period_ms));
-                Reaction::Answer(Ok(Response::Done))
-            }
-            Request::Subscribe { log: true, .. } if !P::KEEPS_LOG => {
-                Reaction::Answer(Err(LinkError::NotBuiltIn))
-            }
+            Request::Watch { news, period_ms } => done(self.watch(news, period_ms)),
             Request::Subscribe { trace, log, record } => {
-                if let Err(error) = self.record.want(record) {
-                    return Reaction::Answer(Err(error));
-                }
-                self.trace_wanted.store(trace, Ordering::Relaxed);
-                self.log_wanted = log;
-                Reaction::Answer(Ok(Response::Done))
+                done(self.subscribe::<P>(trace, log, record))
             }
             Request::Identify { .. }
             | Request::Challenge
@@ -286,16 +253,7 @@ impl RequestHandler<'_, '_> {
                 now_us: port.now_us(),
             })),
             Request::Features => Reaction::Answer(Ok(self.features(port))),
-            Request::Values { .. } if !TELEMETRY => Reaction::Answer(Err(LinkError::NotBuiltIn)),
-            Request::Values { ask: [] } => {
-                self.values.end();
-                Reaction::Answer(Ok(Response::Done))
-            }
-            Request::Values { ask } => {
-                let number = self.pending.map_or(0, |pending| pending.seq);
-                let ask = Bytes::first_of(ask);
-                self.ask(Command::AskValues { number, ask })
-            }
+            Request::Values { ask } => self.ask_values(ask),
             // They hold a plain one, or were looked at before: `allowed` gives nothing else out.
             Request::Signed { .. }
             | Request::Within { .. }
@@ -303,6 +261,86 @@ impl RequestHandler<'_, '_> {
             | Request::OpenSession { .. } => Reaction::Answer(Err(LinkError::Malformed)),
         }
     }
+
+    /// A client begins: nothing is sent any more that one before it wanted.
+    fn end_streams(&mut self) {
+        self.trace_wanted.store(false, Ordering::Relaxed);
+        self.log_wanted = false;
+        self.watch = None;
+        self.values.end();
+        // To end one is never refused.
+        let _ = self.record.want(false);
+    }
+
+    /// The upload ends, and nothing of it is kept.
+    fn abort(&mut self) {
+        if !mutant!(AbortForgotten) {
+            self.end_upload();
+        }
+    }
+
+    /// How the robot is, its stack and its flash included.
+    fn whole_status(&self, port: &mut impl LinkPort) -> Result<Response<'_>, LinkError> {
+        let kept = port
+            .mission_store()
+            .map(|mission_store| mission_store.kept());
+        let flash = port
+            .mission_store()
+            .map(|mission_store| mission_store.flash_health());
+        self.status(port.deepest_stack_bytes(), kept, flash)
+    }
+
+    /// Asks that the mission on trial stays.
+    fn confirm<'a>(&mut self, mission: u32, port: &mut impl LinkPort) -> Reaction<'a> {
+        let again = port
+            .mission_store()
+            .is_some_and(|mission_store| mission_store.kept().is_on_trial());
+        self.ask(Command::Confirm { mission, again })
+    }
+
+    /// Status events are wanted, or no more.
+    fn watch(&mut self, news: bool, period_ms: u32) -> Result<(), LinkError> {
+        if news && !STATUS_EVENTS {
+            return Err(LinkError::NotBuiltIn);
+        }
+        self.watch = news.then(|| Watch::new(period_ms));
+        Ok(())
+    }
+
+    /// These streams are wanted, and no others.
+    fn subscribe<P: LinkPort>(
+        &mut self,
+        trace: bool,
+        log: bool,
+        record: bool,
+    ) -> Result<(), LinkError> {
+        if log && !P::KEEPS_LOG {
+            return Err(LinkError::NotBuiltIn);
+        }
+        self.record.want(record)?;
+        self.trace_wanted.store(trace, Ordering::Relaxed);
+        self.log_wanted = log;
+        Ok(())
+    }
+
+    /// Asks for values on nets, or ends that where nothing is asked for.
+    fn ask_values<'a>(&mut self, ask: &[u8]) -> Reaction<'a> {
+        if !TELEMETRY {
+            return Reaction::Answer(Err(LinkError::NotBuiltIn));
+        }
+        if ask.is_empty() {
+            self.values.end();
+            return Reaction::Answer(Ok(Response::Done));
+        }
+        let number = self.pending.map_or(0, |pending| pending.seq);
+        let ask = Bytes::first_of(ask);
+        self.ask(Command::AskValues { number, ask })
+    }
+}
+
+/// The reaction to a request that asks for nothing to be told.
+fn done<'a>(result: Result<(), LinkError>) -> Reaction<'a> {
+    Reaction::Answer(result.map(|()| Response::Done))
 }
 
 /// Takes a request out of the one that brings its deadline, if it is in one. Answers that.

@@ -12,7 +12,7 @@ use super::handler::{Reaction, RequestHandler, Upload};
 use super::port::{LinkPort, saved_params};
 use crate::check::{check, check_slots};
 use crate::features::WARM;
-use crate::realtime::mailbox::Command;
+use crate::realtime::mailbox::{Command, Content};
 use crate::realtime::staging::StagedMission;
 use esm_link::access::Access;
 use esm_link::frame::checksum;
@@ -90,12 +90,12 @@ impl<'m> RequestHandler<'_, 'm> {
                     None => Ok(()),
                 });
         match (accepted, &mut self.command) {
-            (Ok(()), Some(command)) => {
-                **command = Command::Swap {
+            (Ok(()), Some(content)) => {
+                **content = Content::Command(Command::Swap {
                     mission,
                     swap,
                     saved: saved_params(port),
-                };
+                });
                 Ok(())
             }
             (accepted, _) => {

@@ -6,7 +6,7 @@ use super::port::{LinkPort, saved_params};
 use super::stage::verified;
 use crate::check::{check, check_slots};
 use crate::mission_store::{MissionStore, Start, TRIAL_AT_START_MS};
-use crate::realtime::mailbox::{Command, Freed};
+use crate::realtime::mailbox::{Command, Content, Freed, Reply};
 use esm_link::message::{LinkError, Swap};
 
 impl RequestHandler<'_, '_> {
@@ -51,17 +51,17 @@ impl RequestHandler<'_, '_> {
             }
         };
         match (mission, &mut self.command) {
-            (Ok(mission), Some(command)) => {
+            (Ok(mission), Some(content)) => {
                 let trial_ms = if on_trial { TRIAL_AT_START_MS } else { 0 };
                 let swap = Swap {
                     warm: false,
                     trial_ms,
                 };
-                **command = Command::Swap {
+                **content = Content::Command(Command::Swap {
                     mission,
                     swap,
                     saved: saved_params(port),
-                };
+                });
                 // Nobody asked for it.
                 self.pending = None;
                 self.post();
@@ -97,27 +97,29 @@ impl RequestHandler<'_, '_> {
     }
 }
 
-/// Lets the mission store remember what a command says of a trial.
+/// Lets the mission store remember what came back says of a trial.
 pub(super) fn persist_trial(
-    command: &Command<'_>,
+    content: &Content<'_>,
     mission_store: Option<&mut dyn MissionStore>,
 ) -> Result<(), LinkError> {
     let Some(mission_store) = mission_store else {
         return Ok(());
     };
-    match *command {
-        Command::Swapped {
-            mission,
-            on_trial: false,
-            ..
-        }
-        | Command::Confirmed { mission } => mission_store.trial_confirmed(mission),
+    match content {
+        Content::Reply(
+            Reply::Swapped {
+                mission,
+                on_trial: false,
+                ..
+            }
+            | Reply::Confirmed { mission },
+        ) => mission_store.trial_confirmed(*mission),
         // What comes back as it went does not even begin.
-        Command::Swap { ref mission, .. } => {
+        Content::Command(Command::Swap { mission, .. }) => {
             mission_store.trial_failed(mission.mission().hash());
             Ok(())
         }
-        Command::Released => mission_store.set_emergency_stop(false),
+        Content::Reply(Reply::Released) => mission_store.set_emergency_stop(false),
         _ => Ok(()),
     }
 }

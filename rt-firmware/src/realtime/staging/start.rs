@@ -7,7 +7,7 @@ use core::marker::PhantomData;
 use super::SpareMemory;
 use super::{MappingTable, StagedMission, StoppedMission};
 use crate::realtime::RealTime;
-use crate::realtime::running::Origin;
+use crate::realtime::timetable::Origin;
 
 #[cfg(feature = "warm")]
 impl<'m> RealTime<'_, 'm> {
@@ -23,7 +23,7 @@ impl<'m> RealTime<'_, 'm> {
         // A mission that is not the one that this was found for hands over nothing.
         let before = common
             .as_ref()
-            .filter(|common| warm && self.health.mission == Some(common.before))
+            .filter(|common| warm && self.machine.hash() == Some(common.before))
             .map(|common| &common.mapping);
         let (carried, before) = self.start_mission(prepared, running, at, before);
         (carried, before, MappingTable::of(common))

@@ -4,39 +4,57 @@
 //! *Invariant:* there is one background run, so that one run is under way at most; whoever waits
 //! longest is started next.
 
-use esm_core::tables::Tables;
-
-use super::RealTime;
-use super::execution::{apply_flags, find_params};
-use super::running::Activation;
-use super::tasks::TaskTable;
+use super::{Around, Execution};
 use crate::ports::ReturnedRun;
-use esm_link::trace::TraceEvent;
+use crate::realtime::events::Event;
+use crate::realtime::tasks::TaskTable;
 
-impl RealTime<'_, '_> {
-    /// Takes a background run back that has ended, and starts another one, in the activation that
-    /// began last. It has no macro step.
-    #[inline(never)]
-    pub(super) fn change_runs(&mut self, slot: usize, start_us: u64) {
-        if !self.is_running() {
-            return;
-        }
-        let Some(mission) = &self.mission else {
-            return;
-        };
-        let activation = Activation {
-            slot,
-            start_us,
-            number: mission.activations.saturating_sub(1),
-            interpreter: false,
-        };
-        self.take_run_back(Some(&activation));
-        self.start_run(start_us, activation.number);
+/// An activation in which a background run is started.
+pub(in crate::realtime) struct RunStart {
+    /// What the time of the mission's tasks is.
+    pub(in crate::realtime) t_us: u64,
+    /// The last macro step, on the robot's clock.
+    pub(in crate::realtime) step_us: u64,
+    /// Number of the activation.
+    pub(in crate::realtime) number: u64,
+}
+
+/// An activation in which a background run is taken back.
+pub(in crate::realtime) struct RunEnd {
+    /// The macro step, on the robot's clock, that notes its end.
+    pub(in crate::realtime) step_us: u64,
+    /// Number of the activation.
+    pub(in crate::realtime) number: u64,
+}
+
+impl Execution<'_, '_> {
+    /// Whether a background run has ended that was not taken back.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(in crate::realtime) fn has_run_ended(&self) -> bool {
+        self.from_background.ready()
     }
 
+    /// Whether it is worth while to look for a background task that can be started.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(in crate::realtime) fn may_start_run(&self) -> bool {
+        self.tasks.look_for_runs()
+    }
+
+    /// Whether a background run is under way.
+    pub(in crate::realtime) fn is_background_busy(&self) -> bool {
+        self.executor.checked_out().is_some()
+    }
+}
+
+impl<'m> Execution<'_, 'm> {
     /// Takes back a background run that has ended; that becomes known in this activation. There is
     /// none where there is no mission.
-    pub(super) fn take_run_back(&mut self, activation: Option<&Activation>) {
+    pub(in crate::realtime) fn take_run_back(
+        &mut self,
+        end: Option<RunEnd>,
+        around: Around<'_, '_, 'm>,
+    ) {
+        let Around { machine, observers } = around;
         let Some(place) = self.from_background.dequeue() else {
             return;
         };
@@ -47,13 +65,12 @@ impl RealTime<'_, '_> {
         let Some(background_run) = background_run else {
             return;
         };
-        let (Some(mission), Some(activation)) = (&mut self.mission, activation) else {
+        let (Some(mission), Some(end)) = (machine.mission_mut(), end) else {
             self.executor.return_run(background_run, 0);
             return;
         };
         let index = usize::from(running.unwrap_or(u16::MAX));
-        let step_us = mission.noting_step_us(activation);
-        let returned = self.executor.return_run(background_run, step_us);
+        let returned = self.executor.return_run(background_run, end.step_us);
         let (Some(instance), ReturnedRun::Ended(outcome)) = (running, returned) else {
             return;
         };
@@ -62,34 +79,36 @@ impl RealTime<'_, '_> {
             // Entered anew meanwhile: flags and enable bit belong to the next activation.
             self.tasks.requeue(instance);
         } else {
-            if mission.interpreter.is_current(index) {
-                if let Some(places) = mission.interpreter.tables().task_places(index) {
-                    apply_flags(&mut mission.interpreter, &places, outcome.flags);
+            if mission.is_current(index) {
+                if let Some(places) = mission.tables().task_places(index) {
+                    mission.apply_flags(&places, outcome.flags);
                 }
-                mission.interpreter.report_exit(index);
+                mission.report_exit(index);
             } else {
-                mission.interpreter.clear_enabled(index);
+                mission.clear_enabled(index);
             }
-            self.tasks.disable(instance);
-            self.trace.write_next_in_full();
+            self.finish_task(instance, observers);
         }
-        self.trace.record(TraceEvent::BackgroundRunEnded {
+        let event = Event::BackgroundRunEnded {
             task_instance: instance,
-            activation: activation.number,
-        });
+            activation: end.number,
+        };
+        observers.tell(end.step_us, event);
     }
 
     /// Starts the background run that has waited longest and can be started, and marks as busy
     /// those that cannot.
     #[inline(never)]
-    pub(super) fn start_run(&mut self, start_us: u64, number: u64) {
-        let Some(mission) = &mut self.mission else {
+    pub(in crate::realtime) fn start_run(&mut self, start: RunStart, around: Around<'_, '_, 'm>) {
+        let Around { machine, observers } = around;
+        if machine.mission().is_none() {
             return;
-        };
-        let t_us = mission.t_us(start_us);
-        let step_us = mission.step_us;
-        let params = &self.params;
-        let interpreter = &mut mission.interpreter;
+        }
+        let RunStart {
+            t_us,
+            step_us,
+            number,
+        } = start;
         let mut younger_than = None;
         self.tasks.looked();
         while let Some((instance, age)) = oldest_waiting(&self.tasks, younger_than) {
@@ -100,7 +119,9 @@ impl RealTime<'_, '_> {
                 self.executor.checked_out() == Some(place) || !self.tasks.may_run(instance);
             if !blocked && self.background_run.is_none() {
                 // It waits for another task's run to end, which is not being busy.
-                interpreter.set_busy(index, false);
+                if let Some(mission) = machine.mission_mut() {
+                    mission.set_busy(index, false);
+                }
                 continue;
             }
             let record = self.tasks.record(instance).filter(|_| !blocked);
@@ -109,16 +130,20 @@ impl RealTime<'_, '_> {
                 self.executor
                     .checkout_bound(&record.binding, step_us, |inputs, declared| {
                         inputs.now_us = t_us;
-                        inputs.flags = interpreter.control_flags_at(&places);
-                        find_params(interpreter, params, &places, declared.params.len(), inputs);
+                        if let Some(mission) = machine.mission() {
+                            inputs.flags = mission.control_flags(&places);
+                        }
+                        machine.find_params(&places, declared.params.len(), inputs);
                     })
             });
             if background_run.is_none() && !blocked {
                 // Any execution may bring the value that it lacks.
                 self.tasks.look_again();
             }
-            if interpreter.is_current(index) {
-                interpreter.set_busy(index, background_run.is_none());
+            if let Some(mission) = machine.mission_mut()
+                && mission.is_current(index)
+            {
+                mission.set_busy(index, background_run.is_none());
             }
             let Some(background_run) = background_run else {
                 continue;
@@ -131,10 +156,11 @@ impl RealTime<'_, '_> {
             self.background_run = self.to_background.enqueue(carrier).err();
             self.running = Some(instance);
             self.tasks.executed(instance);
-            self.trace.record(TraceEvent::BackgroundRunStarted {
+            let event = Event::BackgroundRunStarted {
                 task_instance: instance,
                 activation: number,
-            });
+            };
+            observers.tell(step_us, event);
         }
     }
 }
@@ -153,10 +179,4 @@ fn oldest_waiting(tasks: &TaskTable<'_>, younger_than: Option<u32>) -> Option<(u
         }
     }
     oldest
-}
-
-/// The net of a data port.
-pub(super) fn net_of(tables: &Tables<'_>, task_instance: usize, port: usize) -> Option<usize> {
-    let first = tables.task_instance(task_instance)?.first_connection;
-    tables.connection(first + port).flatten()
 }
