@@ -125,7 +125,6 @@ fn a_mission_is_uploaded_over_each_serial_line_and_runs() {
         let firmware = chip_firmware("pico");
         let _emulator =
             Emulator::start_chip(board, &firmware, plant, flash, (serial, near)).unwrap();
-        println!("{serial:?}");
         let (mut robot, about) = LinkClient::connect(line).unwrap();
         assert_eq!(about.board.as_str(), "pico", "{serial:?}");
         robot.upload(&blob, &mut |_| ()).unwrap();

@@ -342,29 +342,6 @@ class Store:
         self.cells = bytearray(cells)
 
 
-class UsbHost(USBCDC):
-    """A host that sends a packet when it has something to send, and no empty ones."""
-
-    def __init__(self, usb):
-        super().__init__(usb)
-        self.rooms = {}
-        self.read = usb.on_endpoint_read
-        usb.on_endpoint_read = self.armed
-
-    def armed(self, endpoint, size):
-        """The device has room for a packet, maybe before it has said what it is."""
-        if endpoint == 0 or endpoint == self._out_endpoint and not self.tx_fifo.empty:
-            self.read(endpoint, size)
-        else:
-            self.rooms[endpoint] = size
-
-    def give(self, byte):
-        self.send_serial_byte(byte)
-        size = self.rooms.pop(self._out_endpoint, None)
-        if size is not None:
-            self.read(self._out_endpoint, size)
-
-
 class Line:
     """A serial line, whose bytes go by messages, so many in each interval of the chip's time."""
 
@@ -376,9 +353,9 @@ class Line:
         self.pipes = Pipes("link")
         self.sent = bytearray()
         if kind == "usb":
-            device = UsbHost(chip.usb_ctrl)
+            device = USBCDC(chip.usb_ctrl)
             device.on_serial_data = self.sent.extend
-            self.give = device.give
+            self.give = device.send_serial_byte
         else:
             chip.uart[0].on_byte = self.sent.append
             self.give = chip.uart[0].feed_byte
