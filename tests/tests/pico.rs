@@ -3,20 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use esm_link::message::Mode;
-use esm_tests::command::{chip_firmware, esm, figure, root};
-use esm_tests::subject;
-use host_tools::boards;
-use host_tools::link_client::LinkClient;
-use host_tools::lockstep::line;
-use host_tools::lockstep::pace::Pace;
-use host_tools::lockstep::plant_side::PlantSide;
-use host_tools::plant::flash::Flash;
-use host_tools::plant::{BodyParameters, Plant};
+use esm_tests::command::{chip_firmware, esm, figure};
 use host_tools::qemu::folder::RunFolder;
-use host_tools::qemu::{ChipSerial, Emulator};
-use host_tools::world::World;
-use rt_firmware::store::flash_store::flash_bytes;
 use serde_json::Value;
 
 /// Robot time of a run, in seconds.
@@ -108,31 +96,6 @@ fn missions_do_in_the_office_what_they_do_on_the_host() {
 #[test]
 fn missions_do_in_the_corridor_what_they_do_on_the_host() {
     same_order("corridor", 10);
-}
-
-#[test]
-fn a_mission_is_uploaded_over_each_serial_line_and_runs() {
-    let blob = subject::build_file(&root().join("missions/patrol.esm"));
-    let blob = blob.unwrap().blob;
-    for serial in [ChipSerial::Uart, ChipSerial::Usb] {
-        let world = World::parse(include_str!("../../missions/worlds/empty.world"));
-        let plant = Plant::new(world.unwrap(), BodyParameters::default(), 1).unwrap();
-        let plant = PlantSide::new(plant, Pace::new(false), None);
-        let board = boards::find("pico").unwrap();
-        let erase_bytes = board.firmware.unwrap().flash.erase_bytes;
-        let flash = Flash::blank(flash_bytes(board.capacities.blob_bytes, erase_bytes));
-        let (near, line) = line::pair();
-        let firmware = chip_firmware("pico");
-        let _emulator =
-            Emulator::start_chip(board, &firmware, plant, flash, (serial, near)).unwrap();
-        let (mut robot, about) = LinkClient::connect(line).unwrap();
-        assert_eq!(about.board.as_str(), "pico", "{serial:?}");
-        robot.upload(&blob, &mut |_| ()).unwrap();
-        let status = robot.status().unwrap();
-        let hash = u32::from_le_bytes(*blob.last_chunk().unwrap());
-        assert_eq!(status.mission, Some(hash), "{serial:?}");
-        assert_eq!(status.mode, Mode::Running, "{serial:?}");
-    }
 }
 
 #[test]

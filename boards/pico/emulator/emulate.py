@@ -1,11 +1,11 @@
 """A Raspberry Pi Pico in an emulator, with a robot's body behind its pins.
 
-    emulate.py FIRMWARE.elf uart|usb
+    emulate.py FIRMWARE.elf
 
 The firmware runs in rp2040py, which executes its instructions, its PIO programs and its flash
 commands. Named pipes in the working directory lead to the body (plant-request, plant-reply), to
 what its sonars answer (pulse-request, pulse-reply), to the cells of the flash (flash-request,
-flash-reply), and to the link, which is UART 0 or USB (link-request, link-reply).
+flash-reply), and to the link, which is UART 0 (link-request, link-reply).
 
 What passes between chip and body are levels of pins and voltages, at their times: how long a PWM
 output is high in each of its periods, edges of encoders and echoes, triggers, counts of the
@@ -24,7 +24,6 @@ from rp2040py.execute_batch import execute_batch
 from rp2040py.gpio_pin import GPIOPinState
 from rp2040py.rp2040 import RP2040
 from rp2040py.simulator import Simulator
-from rp2040py.usb.cdc import USBCDC
 from rp2040py.utils.logging import ConsoleLogger, LogLevel
 
 FLASH_AT = 0x1000_0000
@@ -343,22 +342,17 @@ class Store:
 
 
 class Line:
-    """A serial line, whose bytes go by messages, so many in each interval of the chip's time."""
+    """UART 0, whose bytes go by messages, so many in each interval of the chip's time."""
 
     INTERVAL_NS = 3_125_000
     PART_BYTES = 36
 
-    def __init__(self, chip, kind):
+    def __init__(self, chip):
         self.clock = chip.clock
+        self.uart = chip.uart[0]
         self.pipes = Pipes("link")
         self.sent = bytearray()
-        if kind == "usb":
-            device = USBCDC(chip.usb_ctrl)
-            device.on_serial_data = self.sent.extend
-            self.give = device.send_serial_byte
-        else:
-            chip.uart[0].on_byte = self.sent.append
-            self.give = chip.uart[0].feed_byte
+        self.uart.on_byte = self.sent.append
         self.waiting = bytearray()
         self.alarm = self.clock.create_alarm(self.swap)
         self.feeder = self.clock.create_alarm(self.feed)
@@ -378,7 +372,7 @@ class Line:
 
     def feed(self):
         """A byte has come down the wire."""
-        self.give(self.waiting.pop(0))
+        self.uart.feed_byte(self.waiting.pop(0))
         if self.waiting:
             self.feeder.schedule(BYTE_NS)
 
@@ -392,7 +386,7 @@ def load(chip, firmware):
                 chip.flash[at : at + segment["p_filesz"]] = segment.data()
 
 
-def main(firmware, kind):
+def main(firmware):
     simulator = Simulator()
     chip = simulator.rp2040
     chip.load_bootrom(BOOTROM_B1)
@@ -400,7 +394,7 @@ def main(firmware, kind):
     load(chip, firmware)
     Store(chip)
     Body(chip)
-    Line(chip, kind)
+    Line(chip)
 
     def reset():
         chip.enter_reset(from_watchdog=True)
@@ -418,6 +412,6 @@ def main(firmware, kind):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3 or sys.argv[2] not in ("uart", "usb"):
+    if len(sys.argv) != 2:
         sys.exit(__doc__)
-    sys.exit(main(*sys.argv[1:]))
+    sys.exit(main(sys.argv[1]))

@@ -32,21 +32,14 @@ macro_rules! app {
                 About, AnyTaskPool, Background, Limits, LinkSide, Mailbox, RealTime, WithStopButton,
                 split,
             };
-            use $crate::rp2040_hal::usb::UsbBus;
             use $crate::slots::SlotBoard;
             use $crate::uart::Uart0;
-            use $crate::usb::Usb;
-            use $crate::usb_device::bus::UsbBusAllocator;
             use $crate::{clock, cortex_m, crash, rtic};
 
             type Banks = [&'static mut (dyn AnyTaskPool + 'static); <$robot>::POOLS];
 
             #[shared]
-            struct Shared {
-                // Both handlers have one priority.
-                #[lock_free]
-                line: Line,
-            }
+            struct Shared {}
 
             // The large ones by reference: RTIC moves these on the stack.
             #[local]
@@ -56,13 +49,12 @@ macro_rules! app {
                 background: Background<'static, 'static>,
                 link: &'static mut LinkSide<'static, 'static>,
                 link_end: LinkEnd,
+                line: Line,
                 uart: Uart0,
-                usb: Usb,
             }
 
             #[init(local = [
                 vectors: VectorTable = VectorTable::new(),
-                usb_bus: MaybeUninit<UsbBusAllocator<UsbBus>> = MaybeUninit::uninit(),
                 robot: MaybeUninit<$robot> = MaybeUninit::uninit(),
                 banks: MaybeUninit<Banks> = MaybeUninit::uninit(),
                 memory: $crate::Memory<'static> = <$crate::Memory<'static>>::new(),
@@ -74,7 +66,7 @@ macro_rules! app {
                 keep: StoreMemory = StoreMemory::new(),
             ])]
             fn init(cx: init::Context) -> (Shared, Local) {
-                let start = $crate::start(cx.local.vectors, cx.local.usb_bus);
+                let start = $crate::start(cx.local.vectors);
                 let parts = start.parts;
                 let robot = $crate::put(cx.local.robot, || {
                     let make: fn(BoardRoverParts) -> $robot = $make;
@@ -112,11 +104,8 @@ macro_rules! app {
                 let mut board = start.board;
                 board.start_watchdog();
                 let board = WithStopButton::new(board, parts.stop_button);
-                let (uart, usb) = (parts.uart, start.usb);
-                (
-                    Shared { line },
-                    Local { real_time, board, background, link, link_end, uart, usb },
-                )
+                let uart = parts.uart;
+                (Shared {}, Local { real_time, board, background, link, link_end, line, uart })
             }
 
             #[idle(local = [background])]
@@ -137,16 +126,9 @@ macro_rules! app {
                 rtic::export::pend(Interrupt::SW0_IRQ);
             }
 
-            #[task(binds = UART0_IRQ, priority = 3, shared = [line], local = [uart])]
+            #[task(binds = UART0_IRQ, priority = 3, local = [line, uart])]
             fn wire(cx: wire::Context) {
-                if cx.shared.line.serve(cx.local.uart) {
-                    rtic::export::pend(Interrupt::SW0_IRQ);
-                }
-            }
-
-            #[task(binds = USBCTRL_IRQ, priority = 3, shared = [line], local = [usb])]
-            fn usb(cx: usb::Context) {
-                if cx.shared.line.serve(cx.local.usb) {
+                if cx.local.line.serve(cx.local.uart) {
                     rtic::export::pend(Interrupt::SW0_IRQ);
                 }
             }

@@ -20,7 +20,7 @@
 //! | priority | interrupt | does |
 //! |---|---|---|
 //! | 4 | timer 0 | the real-time side: slots, interpreter, real-time tasks |
-//! | 3 | UART 0, USB | bytes between the wire and the queues; listens for stops |
+//! | 3 | UART 0 | bytes between the wire and the queues; listens for stops |
 //! | 2 | SW 0 (no part has it; pended by software) | the link: requests, upload, trace and log streams |
 //! | 0 | none: the idle loop | background tasks; sleep |
 //!
@@ -52,12 +52,9 @@ pub mod pins;
 pub mod slots;
 pub mod sonars;
 pub mod uart;
-pub mod usb;
 pub mod watchdog;
 
 mod app;
-
-use core::mem::MaybeUninit;
 
 use cortex_m_board::stack;
 use esm_link::message::ResetReason;
@@ -67,17 +64,13 @@ use rp2040_hal::pac::{self, Peripherals};
 use rp2040_hal::sio::Sio;
 use rp2040_hal::vector_table::VectorTable;
 
-use rp2040_hal::usb::UsbBus;
-use usb_device::bus::UsbBusAllocator;
-
 pub use pins::Parts;
 use slots::SlotBoard;
-use usb::Usb;
 
 #[doc(hidden)]
 pub use cortex_m_board::put;
 #[doc(hidden)]
-pub use {cortex_m, heapless, rp2040_hal, rt_firmware, rtic, usb_device};
+pub use {cortex_m, heapless, rp2040_hal, rt_firmware, rtic};
 
 /// Name of the board, as it tells it over the link.
 pub const NAME: &str = "pico";
@@ -119,8 +112,6 @@ pub struct Start {
     pub board: SlotBoard,
     /// The robot's pins.
     pub parts: Parts,
-    /// USB, the other serial line.
-    pub usb: Usb,
 }
 
 /// Brings up stack paint, clocks, serial line and pins. To be called once, first of all, with
@@ -128,10 +119,7 @@ pub struct Start {
 ///
 /// # Panics
 /// If it is called again, or the crystal does not swing.
-pub fn start(
-    vectors: &'static mut VectorTable,
-    usb_bus: &'static mut MaybeUninit<UsbBusAllocator<UsbBus>>,
-) -> Start {
+pub fn start(vectors: &'static mut VectorTable) -> Start {
     stack::paint();
     #[cfg(feature = "log")]
     cortex_m_board::log::start(pac::Interrupt::TIMER_IRQ_0);
@@ -157,17 +145,6 @@ pub fn start(
         panic!("the crystal of {CRYSTAL_HZ} Hz does not swing");
     };
     clock::start(chip.TIMER, &mut chip.RESETS);
-    let clock_hz = peripheral_hz(&clocks);
-    let usb_bus = usb_bus.write(UsbBusAllocator::new(UsbBus::new(
-        chip.USBCTRL_REGS,
-        chip.USBCTRL_DPRAM,
-        clocks.usb_clock,
-        true,
-        &mut chip.RESETS,
-    )));
-    let Some(usb) = Usb::new(usb_bus) else {
-        panic!("the device has room for its texts");
-    };
     let sio = Sio::new(chip.SIO);
     let pins = gpio::Pins::new(
         chip.IO_BANK0,
@@ -182,7 +159,7 @@ pub fn start(
         adc: chip.ADC,
         uart0: chip.UART0,
     }
-    .into_parts(pins, clock_hz, &mut chip.RESETS);
+    .into_parts(pins, peripheral_hz(&clocks), &mut chip.RESETS);
     match reset {
         ResetReason::Panic => {
             let line = crash::kept().crash_report().0.line;
@@ -203,7 +180,6 @@ pub fn start(
         reset,
         board: SlotBoard::new(watchdog, led),
         parts,
-        usb,
     }
 }
 

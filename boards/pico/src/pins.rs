@@ -81,7 +81,7 @@ pub struct Parts {
     pub rover: BoardRoverParts,
     /// The button of the emergency stop.
     pub stop_button: StopPin,
-    /// One serial line.
+    /// The serial line.
     pub uart: Uart0,
 }
 

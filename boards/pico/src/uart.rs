@@ -5,8 +5,6 @@
 use cortex_m_board::line::Wire;
 use rp2040_hal::pac::{RESETS, UART0, uart0};
 
-use crate::line;
-
 /// Speed of the line in baud.
 pub const BAUD: u32 = 115_200;
 
@@ -60,13 +58,12 @@ impl Wire for Uart0 {
         if !self.has_received() {
             return None;
         }
-        line::spoken_by(line::Speaker::Uart);
         // The bits above the byte tell of line errors, which the link's checksum finds as well.
         Some(self.uart.uartdr().read().data().bits())
     }
 
     fn can_send(&mut self) -> bool {
-        line::answers(line::Speaker::Uart) && self.flags().txff().bit_is_clear()
+        self.flags().txff().bit_is_clear()
     }
 
     fn send(&mut self, byte: u8) {
@@ -75,9 +72,6 @@ impl Wire for Uart0 {
     }
 
     fn want_sent(&mut self, sent: bool) {
-        (self.uart.uartimsc()).write(|w| {
-            let sent = sent && line::answers(line::Speaker::Uart);
-            w.rxim().set_bit().rtim().set_bit().txim().bit(sent)
-        });
+        (self.uart.uartimsc()).write(|w| w.rxim().set_bit().rtim().set_bit().txim().bit(sent));
     }
 }

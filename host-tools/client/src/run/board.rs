@@ -12,7 +12,7 @@ use crate::host_board::{self, HostBoard, HostBoardError, RobotMaker};
 use crate::link_client::log_lines::{LogReader, LogTableError};
 use crate::lockstep::line;
 use crate::lockstep::plant_side::PlantSide;
-use crate::qemu::{ChipSerial, Emulator, EmulatorError, Idle, firmware};
+use crate::qemu::{Emulator, EmulatorError, Idle, firmware};
 use crate::serial::pacing::Paced;
 use crate::serial::{ByteLink, DEFAULT_BAUD};
 use esm_toolkit::boards;
@@ -175,13 +175,7 @@ impl RunningBoard {
                 if firmware::about(board).script().is_some() {
                     // Its link always goes by the clock of the chip.
                     let (near, line) = line::pair();
-                    let emulator = Emulator::start_chip(
-                        board,
-                        &firmware,
-                        served,
-                        flash,
-                        (ChipSerial::Uart, near),
-                    )?;
+                    let emulator = Emulator::start_chip(board, &firmware, served, flash, near)?;
                     return Ok((RunningBoard::Emulated(Box::new(emulator)), Box::new(line)));
                 }
                 let answer = move |request: &_| served.exchange(request);
