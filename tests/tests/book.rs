@@ -586,7 +586,10 @@ fn wrong_with(command: &str, folder: &Path) -> Option<String> {
         // It goes on until it is ended: what it is given is looked at before the help is printed.
         "board" => arguments.push("--help".to_owned()),
         // The same run on the host, in hundredths of the time.
-        "run" if !arguments.iter().any(|word| word == "--board") => {
+        "run" if !command.contains("--board host") => {
+            if let Some(place) = arguments.iter().position(|word| word == "--board") {
+                arguments.drain(place..place + 2);
+            }
             arguments.extend(["--board", "host"].map(str::to_owned));
             if let Some(place) = arguments.iter().position(|word| word == "--firmware") {
                 arguments.drain(place..place + 2);
