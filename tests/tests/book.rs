@@ -7,7 +7,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use esm_tests::command::{esm, esm_binary, root};
+use esm_tests::command::{NOTHING_PLUGGED_IN, esm, esm_binary, root};
 use host_tools::lang::{self, Code};
 use host_tools::pictures::{MissionStates, RegionStates, StateSpan, Timeline};
 
@@ -606,6 +606,7 @@ fn wrong_with(command: &str, folder: &Path) -> Option<String> {
     esm.args(&arguments)
         .current_dir(folder)
         .env("XDG_CONFIG_HOME", folder.join("config"))
+        .envs(NOTHING_PLUGGED_IN)
         .env_remove("ESM_KEY")
         .stdin(input.map_or_else(Stdio::null, |file| File::open(file).unwrap().into()));
     let done = esm.output().unwrap();

@@ -18,6 +18,7 @@ pub mod link_client;
 pub mod live_recording;
 pub mod lockstep;
 pub mod nearby;
+pub mod ports;
 pub mod qemu;
 pub mod reading;
 pub mod run;

@@ -39,6 +39,7 @@ pub mod log;
 pub mod lsp;
 pub mod mission;
 pub mod param;
+pub mod ports;
 pub mod recorder;
 pub mod replay;
 pub mod robot;
@@ -114,6 +115,7 @@ pub enum Command {
     Test(test::TestArgs),
     Run(Box<run::RunArgs>),
     Board(board::BoardArgs),
+    Ports(ports::PortsArgs),
     Replay(replay::ReplayArgs),
     Upload(upload::UploadArgs),
     Confirm(confirm::ConfirmArgs),
@@ -199,6 +201,7 @@ pub fn execute(
         Command::Test(args) => test::execute(args, console),
         Command::Run(args) => run::execute(args, robot, console),
         Command::Board(args) => board::execute(args, robot, console),
+        Command::Ports(args) => ports::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
         Command::Upload(args) => upload::execute(args, console),
         Command::Confirm(args) => confirm::execute(args, console),
