@@ -28,8 +28,9 @@ const END_PATIENCE: Duration = Duration::from_secs(120);
 /// How often a running command is looked at.
 const LOOK_INTERVAL: Duration = Duration::from_millis(10);
 
-/// Keeps tests away from robots that whoever runs them has plugged in.
-pub const NOTHING_PLUGGED_IN: [(&str, &str); 1] = [("ESM_PORTS", "only")];
+/// Keeps tests away from robots and boards that whoever runs them has plugged in.
+pub const NOTHING_PLUGGED_IN: [(&str, &str); 2] =
+    [("ESM_PORTS", "only"), ("ESM_BOOT_DRIVE", "/no/such/drive")];
 
 /// The top of the checkout: where commands run.
 pub fn root() -> &'static Path {

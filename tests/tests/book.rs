@@ -576,7 +576,7 @@ fn wrong_with(command: &str, folder: &Path) -> Option<String> {
     };
     let mut arguments = words(command.strip_prefix("esm ")?);
     let nowhere = folder.join("nowhere").display().to_string();
-    let needs_robot = arguments.iter().any(|word| word == "--port");
+    let needs_robot = arguments[0] == "flash" || arguments.iter().any(|word| word == "--port");
     for place in 1..arguments.len() {
         if arguments[place - 1] == "--port" {
             arguments[place] = nowhere.clone();

@@ -1,13 +1,16 @@
-//! Robots that are found where no port is named.
+//! Robots that are found where no port is named, and firmware that is put onto a board.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
-use std::fs::File;
+use std::fs::{self, File};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use esm_client::samples::elf;
 use esm_link::access::Access;
 use esm_link::frame::{self, DELIMITER, FrameReader, MAX_FRAME_BYTES};
 use esm_link::message::{
@@ -306,4 +309,306 @@ fn ctrl_c_ends_the_search_for_a_robot() {
     let done = search.interrupted().ended(3);
     assert!(begun.elapsed() < Duration::from_secs(1));
     assert!(done.err.contains("interrupted"), "{done:#?}");
+}
+
+// ─── Firmware onto a board ───────────────────────────────────────────────────────────────────────
+
+const ARM: u16 = 40;
+const FLASH: u32 = 0x1000_0000;
+
+/// A folder with a firmware for the board `pico`, and room for a boot drive and for programs.
+struct Bench {
+    folder: tempfile::TempDir,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let code: Vec<u8> = (0..100_000_u32).map(|it| (it % 253) as u8).collect();
+        let firmware = elf(ARM, &[(FLASH, &code[..256]), (FLASH + 256, &code)]);
+        fs::write(folder.path().join("my robot.elf"), firmware).unwrap();
+        for name in ["drive", "programs"] {
+            fs::create_dir(folder.path().join(name)).unwrap();
+        }
+        Bench { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn text(&self, name: &str) -> String {
+        self.path(name).display().to_string()
+    }
+
+    /// `esm flash` with this firmware, and these arguments.
+    #[track_caller]
+    fn flash(&self, ports: &[&str], arguments: &[&str]) -> Running {
+        let ports = format!("only:{}", ports.join(":"));
+        let file = self.text("my robot.elf");
+        let arguments = [&["flash", "--board", "pico", &file], arguments].concat();
+        Running::esm_in(
+            &[
+                ("ESM_PORTS", &ports),
+                ("ESM_BOOT_DRIVE", &self.text("drive")),
+                ("PATH", &self.text("programs")),
+            ],
+            &arguments,
+        )
+    }
+
+    /// The UF2 file of the firmware.
+    #[track_caller]
+    fn uf2(&self) -> Vec<u8> {
+        let made = self
+            .flash(&[], &["--uf2", &self.text("made.uf2")])
+            .finished()
+            .good();
+        assert!(
+            made.out.contains("made.uf2: 392 blocks, 196 KiB"),
+            "{made:#?}"
+        );
+        fs::read(self.path("made.uf2")).unwrap()
+    }
+
+    /// Plugs the board in with its button held: its drive is there until it has the firmware.
+    fn plug_in(&self, blocks: usize) -> JoinHandle<Vec<u8>> {
+        let drive = self.path("drive");
+        // Its drive has no file of before.
+        let _ = fs::remove_file(drive.join("firmware.uf2"));
+        let info = "UF2 Bootloader v3.0\r\nModel: Raspberry Pi RP2\r\nBoard-ID: RPI-RP2\r\n";
+        fs::write(drive.join("INFO_UF2.TXT"), info).unwrap();
+        thread::spawn(move || {
+            let begun = Instant::now();
+            loop {
+                let copied = fs::read(drive.join("firmware.uf2")).unwrap_or_default();
+                if copied.len() == blocks * 512 {
+                    fs::remove_file(drive.join("INFO_UF2.TXT")).unwrap();
+                    return copied;
+                }
+                assert!(begun.elapsed() < 20 * LONG, "nothing is copied");
+                thread::sleep(LOOK);
+            }
+        })
+    }
+
+    /// A program that writes down its arguments and keeps the file that they name last.
+    fn program(&self, name: &str, ends: &str) {
+        let path = self.path("programs").join(name);
+        let (lines, kept) = (self.text("lines"), self.text("kept"));
+        // The builtins of the shell alone: the PATH has nothing else.
+        let script = format!(
+            "#!/bin/sh\nPATH=/usr/bin:/bin\necho \"{name} $*\" >> '{lines}'\nfor last; do :; done\n\
+             case \"$last\" in /*) cp \"$last\" '{kept}';; esac\n{ends}\n"
+        );
+        fs::write(&path, script).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+
+    fn lines(&self) -> Vec<String> {
+        let lines = fs::read_to_string(self.path("lines")).unwrap_or_default();
+        lines.lines().map(str::to_owned).collect()
+    }
+}
+
+#[test]
+fn the_boot_drive_gets_the_firmware_and_the_robot_is_asked() {
+    let bench = Bench::new();
+    // It is better than what else is there.
+    bench.program("probe-rs", "exit 1");
+    let uf2 = bench.uf2();
+    let robot = Line::robot("pico", PROTOCOL_VERSION);
+    let other = Line::robot("lm3s6965", PROTOCOL_VERSION);
+    let board = bench.plug_in(uf2.len() / 512);
+    let done = bench
+        .flash(&[&robot.path(), &other.path()], &["--json"])
+        .finished()
+        .good();
+    assert!(
+        board.join().unwrap() == uf2,
+        "what was copied is the UF2 file"
+    );
+    let told = done.json();
+    assert_eq!(told["method"], "drive", "{told:#}");
+    assert_eq!(told["port"], robot.path(), "{told:#}");
+    assert_eq!(told["robot"]["firmware"], "my robot 7", "{told:#}");
+    assert_eq!(bench.lines(), [] as [&str; 0]);
+}
+
+#[test]
+fn a_robot_that_does_not_answer_is_told_as_that() {
+    let bench = Bench::new();
+    let board = bench.plug_in(392);
+    let done = bench.flash(&[], &[]).finished().good();
+    board.join().unwrap();
+    assert!(done.err.contains("no robot answered"), "{done:#?}");
+    assert!(done.out.contains("nobody knows yet"), "{done:#?}");
+    // Another robot is not this one, and of two nobody knows.
+    let lines = [
+        Line::robot("pico", PROTOCOL_VERSION),
+        Line::robot("pico", PROTOCOL_VERSION),
+    ];
+    let other = Line::robot("lm3s6965", PROTOCOL_VERSION);
+    for (ports, words) in [
+        (vec![other.path()], "another one than the board pico"),
+        (lines.each_ref().map(Line::path).to_vec(), "several robots"),
+    ] {
+        let board = bench.plug_in(392);
+        let ports: Vec<&str> = ports.iter().map(String::as_str).collect();
+        let done = bench.flash(&ports, &[]).finished().good();
+        board.join().unwrap();
+        assert!(done.err.contains(words), "{done:#?}");
+    }
+}
+
+#[test]
+fn without_a_way_the_button_is_told_and_the_drive_waited_for() {
+    let bench = Bench::new();
+    let done = bench.flash(&[], &[]).finished().ended(3);
+    assert!(
+        done.err.contains("BOOTSEL") && done.err.contains("--wait"),
+        "{done:#?}"
+    );
+    let waits = |waiting: &Running| waiting.err().contains("waited for");
+    let waiting = bench.flash(&[], &["--wait"]).until("a word", waits);
+    let begun = Instant::now();
+    let done = waiting.interrupted().ended(3);
+    assert!(
+        begun.elapsed() < LONG && done.err.contains("interrupted"),
+        "{done:#?}"
+    );
+    let robot = Line::robot("pico", PROTOCOL_VERSION);
+    let waiting = bench
+        .flash(&[&robot.path()], &["--wait"])
+        .until("a word", waits);
+    let board = bench.plug_in(392);
+    let done = waiting.finished().good();
+    board.join().unwrap();
+    assert!(done.out.contains("flashed, and it runs"), "{done:#?}");
+}
+
+#[test]
+fn a_board_that_does_not_leave_its_drive_has_not_taken_the_firmware() {
+    let bench = Bench::new();
+    // It waits for more than there is.
+    drop(bench.plug_in(1_000_000));
+    let done = bench.flash(&[], &["--method", "drive"]).finished().ended(3);
+    assert!(done.err.contains("still there"), "{done:#?}");
+}
+
+#[test]
+fn programs_of_others_are_given_the_firmware() {
+    let bench = Bench::new();
+    let robot = Line::robot("pico", PROTOCOL_VERSION);
+    let flash = |arguments: &[&str]| bench.flash(&[&robot.path()], arguments).finished();
+    for (program, words) in [("probe-rs", "probe-rs-tools"), ("picotool", "github.com")] {
+        let missing = flash(&["--method", program]).ended(3);
+        assert!(missing.err.contains(words), "{missing:#?}");
+    }
+    bench.program("picotool", "");
+    let done = flash(&["--json"]).good();
+    assert_eq!(done.json()["method"], "picotool");
+    let [line] = &bench.lines()[..] else {
+        panic!("{:?}", bench.lines())
+    };
+    assert!(line.starts_with("picotool load -x /"), "{line}");
+    assert!(line.ends_with(".uf2"), "it tells formats by names: {line}");
+    assert!(fs::read(bench.path("kept")).unwrap() == bench.uf2());
+    bench.program("probe-rs", "");
+    fs::remove_file(bench.path("lines")).unwrap();
+    assert_eq!(flash(&["--json"]).good().json()["method"], "probe-rs");
+    let firmware = bench.text("my robot.elf");
+    let expected = [
+        format!("probe-rs download --chip RP2040 {firmware}"),
+        "probe-rs reset --chip RP2040".to_owned(),
+    ];
+    assert_eq!(bench.lines(), expected);
+    let chosen = flash(&["--method", "picotool"]).good();
+    assert!(chosen.err.contains("picotool"), "{chosen:#?}");
+    bench.program("probe-rs", "echo no probe was found >&2; exit 5");
+    let failed = flash(&[]).ended(3);
+    for words in ["probe-rs download", "no probe was found", "--method drive"] {
+        assert!(failed.err.contains(words), "{failed:#?}");
+    }
+    bench.program("probe-rs", "sleep 100");
+    let last = |_: &Running| bench.lines().len() == 5;
+    let flashing = bench.flash(&[], &[]).until("the program", last);
+    let begun = Instant::now();
+    let done = flashing.interrupted().ended(3);
+    assert!(
+        begun.elapsed() < LONG && done.err.contains("interrupted"),
+        "{done:#?}"
+    );
+}
+
+#[test]
+fn what_cannot_be_flashed_is_told() {
+    let bench = Bench::new();
+    let write = |name: &str, bytes: &[u8]| {
+        fs::write(bench.path(name), bytes).unwrap();
+        bench.text(name)
+    };
+    let text = write("text", b"interpreter slot 1;");
+    let elsewhere = write("elsewhere", &elf(ARM, &[(0, &[1; 256])]));
+    let outside = write(
+        "outside",
+        &elf(ARM, &[(FLASH, &[1; 256]), (0x2000_0000, &[1; 4])]),
+    );
+    let overlap = write(
+        "overlap",
+        &elf(ARM, &[(FLASH, &[1; 256]), (FLASH + 8, &[1; 4])]),
+    );
+    let out = bench.text("out.uf2");
+    let source = write("mission.esm", b"");
+    for (arguments, status, words) in [
+        (&["flash"][..], 2, "`pico`"),
+        (&["flash", "--board", "host"], 2, "part of this command"),
+        (&["flash", "--board", "toaster"], 2, "there is no board"),
+        (
+            &["flash", "--board", "pico", &text, "--uf2", &out],
+            1,
+            "is no firmware",
+        ),
+        (
+            &["flash", "--board", "pico", &elsewhere, "--uf2", &out],
+            1,
+            "another board",
+        ),
+        (
+            &["flash", "--board", "pico", &outside, "--uf2", &out],
+            1,
+            "another board",
+        ),
+        (
+            &["flash", "--board", "pico", &overlap, "--uf2", &out],
+            1,
+            "two parts",
+        ),
+        (
+            &["flash", "--board", "pico", "/no/such", "--uf2", &out],
+            1,
+            "no firmware at",
+        ),
+        (
+            &["flash", "--board", "pico", "--method", "magic"],
+            2,
+            "probe-rs",
+        ),
+        (
+            &[
+                "flash",
+                "--board",
+                "pico",
+                &bench.text("my robot.elf"),
+                "--uf2",
+                &source,
+            ],
+            2,
+            "overwritten",
+        ),
+    ] {
+        let done = esm_in(&[], arguments).ended(status);
+        assert!(done.err.contains(words), "{arguments:?}: {done:#?}");
+    }
+    assert!(!Path::new(&out).exists());
 }

@@ -11,6 +11,7 @@
 pub mod black_box;
 pub mod files;
 pub mod flash;
+pub mod flashing;
 pub mod host_board;
 pub mod interrupt;
 pub mod keys;

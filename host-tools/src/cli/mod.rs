@@ -32,6 +32,7 @@ pub mod expected;
 pub mod explain;
 pub mod fallback;
 pub mod file;
+pub mod flash;
 pub mod fmt;
 pub mod inspect;
 pub mod key;
@@ -116,6 +117,7 @@ pub enum Command {
     Run(Box<run::RunArgs>),
     Board(board::BoardArgs),
     Ports(ports::PortsArgs),
+    Flash(flash::FlashArgs),
     Replay(replay::ReplayArgs),
     Upload(upload::UploadArgs),
     Confirm(confirm::ConfirmArgs),
@@ -202,6 +204,7 @@ pub fn execute(
         Command::Run(args) => run::execute(args, robot, console),
         Command::Board(args) => board::execute(args, robot, console),
         Command::Ports(args) => ports::execute(args, console),
+        Command::Flash(args) => flash::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
         Command::Upload(args) => upload::execute(args, console),
         Command::Confirm(args) => confirm::execute(args, console),
