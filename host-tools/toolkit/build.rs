@@ -17,6 +17,15 @@ const CAPACITIES: [(&str, &str); 6] = [
     ("exclusive_groups", "exclusive_groups"),
 ];
 
+/// Keys of `[flashing]`, which are the fields of `Flashing`, too.
+const FLASHING: [&str; 5] = [
+    "uf2_family",
+    "boot_board_id",
+    "boot_model",
+    "boot_button",
+    "probe_rs_chip",
+];
+
 /// Values by section and key, as they are written.
 type Settings = BTreeMap<(String, String), String>;
 
@@ -87,7 +96,7 @@ fn board(file: &Path, settings: &Settings) -> String {
     // Values are written as in Rust.
     let _ = write!(
         item,
-        " }}, firmware: Some(Firmware {{ target: {}, bin: {}, runner: {}, flash: Flash {{ origin: {}, bytes: {}, erase_bytes: {} }} }}), interpreter: ",
+        " }}, firmware: Some(Firmware {{ target: {}, bin: {}, runner: {}, flash: Flash {{ origin: {}, bytes: {}, erase_bytes: {} }} }}), flashing: ",
         value("", "target"),
         value("", "firmware"),
         value("runner", "command"),
@@ -95,6 +104,11 @@ fn board(file: &Path, settings: &Settings) -> String {
         value("flash", "bytes"),
         value("flash", "erase_bytes")
     );
+    item += &match settings.contains_key(&key("flashing", "uf2_family")) {
+        true => format!("Some({}), interpreter: ", flashing(value)),
+        // An emulator's.
+        false => "None, interpreter: ".to_owned(),
+    };
     let costs = file.with_file_name("costs.txt");
     println!("cargo:rerun-if-changed={}", costs.display());
     item += &match fs::read_to_string(&costs) {
@@ -106,6 +120,12 @@ fn board(file: &Path, settings: &Settings) -> String {
         Err(_) => "None".to_owned(),
     };
     item + " },\n"
+}
+
+/// What brings a firmware onto a board.
+fn flashing<'s>(value: impl Fn(&str, &str) -> &'s String) -> String {
+    let fields = FLASHING.map(|key| format!("{key}: {}", value("flashing", key)));
+    format!("Flashing {{ {} }}", fields.join(", "))
 }
 
 fn key(section: &str, key: &str) -> (String, String) {

@@ -28,6 +28,10 @@ const END_PATIENCE: Duration = Duration::from_secs(120);
 /// How often a running command is looked at.
 const LOOK_INTERVAL: Duration = Duration::from_millis(10);
 
+/// Keeps tests away from robots and boards that whoever runs them has plugged in.
+pub const NOTHING_PLUGGED_IN: [(&str, &str); 2] =
+    [("ESM_PORTS", "only"), ("ESM_BOOT_DRIVE", "/no/such/drive")];
+
 /// The top of the checkout: where commands run.
 pub fn root() -> &'static Path {
     static ROOT: OnceLock<PathBuf> = OnceLock::new();
@@ -179,6 +183,15 @@ pub fn esm<S: AsRef<str>>(arguments: &[S]) -> Done {
     run(command)
 }
 
+/// [`esm`] with these variables in its environment.
+///
+/// # Panics
+/// If it cannot be started or does not end.
+#[track_caller]
+pub fn esm_in<S: AsRef<str>>(environment: &[(&str, &str)], arguments: &[S]) -> Done {
+    Running::esm_in(environment, arguments).done()
+}
+
 /// [`esm`] with at most so much memory: a command that wants more fails. Comes with its processor
 /// time, as [`esm_timed`].
 ///
@@ -259,8 +272,27 @@ impl Running {
         Self::of(command)
     }
 
+    /// [`Running::esm`] with these variables in its environment.
+    ///
+    /// # Panics
+    /// If it cannot be started.
+    #[track_caller]
+    pub fn esm_in<S: AsRef<str>>(environment: &[(&str, &str)], arguments: &[S]) -> Self {
+        let mut command = Command::new(esm_binary());
+        command.args(arguments.iter().map(AsRef::as_ref));
+        command
+            .current_dir(root())
+            .envs(environment.iter().copied());
+        Self::of(command)
+    }
+
     #[track_caller]
     fn of(mut command: Command) -> Self {
+        for (name, value) in NOTHING_PLUGGED_IN {
+            if command.get_envs().all(|(set, _)| set != name) {
+                command.env(name, value);
+            }
+        }
         let folder = tempfile::tempdir().expect("a folder for output");
         let create = |name| File::create(folder.path().join(name)).expect("a file for output");
         command
@@ -310,6 +342,20 @@ impl Running {
             std::thread::sleep(LOOK_INTERVAL);
         }
         self
+    }
+
+    /// Waits for the end.
+    ///
+    /// # Panics
+    /// If it does not end.
+    #[track_caller]
+    pub fn finished(self) -> Done {
+        self.done()
+    }
+
+    /// Whether it runs.
+    pub fn is_running(&mut self) -> bool {
+        matches!(self.child.try_wait(), Ok(None))
     }
 
     /// Does what Ctrl-C does, and waits for the end.

@@ -7,7 +7,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use esm_tests::command::{esm, esm_binary, root};
+use esm_tests::command::{NOTHING_PLUGGED_IN, esm, esm_binary, root};
 use host_tools::lang::{self, Code};
 use host_tools::pictures::{MissionStates, RegionStates, StateSpan, Timeline};
 
@@ -576,7 +576,7 @@ fn wrong_with(command: &str, folder: &Path) -> Option<String> {
     };
     let mut arguments = words(command.strip_prefix("esm ")?);
     let nowhere = folder.join("nowhere").display().to_string();
-    let needs_robot = arguments.iter().any(|word| word == "--port");
+    let needs_robot = arguments[0] == "flash" || arguments.iter().any(|word| word == "--port");
     for place in 1..arguments.len() {
         if arguments[place - 1] == "--port" {
             arguments[place] = nowhere.clone();
@@ -586,7 +586,10 @@ fn wrong_with(command: &str, folder: &Path) -> Option<String> {
         // It goes on until it is ended: what it is given is looked at before the help is printed.
         "board" => arguments.push("--help".to_owned()),
         // The same run on the host, in hundredths of the time.
-        "run" if !arguments.iter().any(|word| word == "--board") => {
+        "run" if !command.contains("--board host") => {
+            if let Some(place) = arguments.iter().position(|word| word == "--board") {
+                arguments.drain(place..place + 2);
+            }
             arguments.extend(["--board", "host"].map(str::to_owned));
             if let Some(place) = arguments.iter().position(|word| word == "--firmware") {
                 arguments.drain(place..place + 2);
@@ -603,6 +606,7 @@ fn wrong_with(command: &str, folder: &Path) -> Option<String> {
     esm.args(&arguments)
         .current_dir(folder)
         .env("XDG_CONFIG_HOME", folder.join("config"))
+        .envs(NOTHING_PLUGGED_IN)
         .env_remove("ESM_KEY")
         .stdin(input.map_or_else(Stdio::null, |file| File::open(file).unwrap().into()));
     let done = esm.output().unwrap();

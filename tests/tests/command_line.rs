@@ -166,7 +166,7 @@ fn what_is_no_port_and_no_such_file_is_told_as_that() {
         "status",
     ] {
         for (port, expected, why) in [
-            ("", 2, "--port"),
+            ("", 3, "no robot is plugged in"),
             ("--port a --port b", 2, "cannot be used multiple times"),
             ("--port tcp:robot", 2, "tcp:HOST:PORT"),
             ("--port {}/plain", 3, "no serial line"),

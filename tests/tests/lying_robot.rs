@@ -135,7 +135,7 @@ fn give_port(command: &mut Command, port: Port) {
         Command::Upload(args) => &mut args.robot,
         other => unreachable!("{other:?} asks no robot"),
     };
-    robot.port = port;
+    robot.port = Some(port);
 }
 
 /// What sessions have to do with.

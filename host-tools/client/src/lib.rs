@@ -11,6 +11,7 @@
 pub mod black_box;
 pub mod files;
 pub mod flash;
+pub mod flashing;
 pub mod host_board;
 pub mod interrupt;
 pub mod keys;
@@ -18,6 +19,7 @@ pub mod link_client;
 pub mod live_recording;
 pub mod lockstep;
 pub mod nearby;
+pub mod ports;
 pub mod qemu;
 pub mod reading;
 pub mod run;

@@ -236,6 +236,20 @@ impl Reader {
         Ok(directory.has_finished(current))
     }
 
+    /// Name of the machine of the mission of this hash, which runs; none where another one runs by
+    /// now. Made up where the mission has no names.
+    ///
+    /// # Errors
+    /// [`ReadError`]
+    pub fn machine<L: ByteLink>(
+        &mut self,
+        robot: &mut LinkClient<L>,
+        mission: u32,
+    ) -> Result<Option<String>, ReadError> {
+        let known = self.know(robot, mission)?;
+        Ok((known.mission == mission).then_some(known.machine))
+    }
+
     /// A reading, or none where the mission changed meanwhile.
     fn read_once<L: ByteLink>(
         &mut self,

@@ -129,6 +129,11 @@ impl Console {
         self.error_is_terminal && self.colour_allowed
     }
 
+    /// Whether a person reads standard error on a terminal, and can do what is asked there.
+    pub fn has_person(&self) -> bool {
+        self.error_is_terminal
+    }
+
     /// Whether standard output is a terminal on which a cursor can be moved.
     pub fn out_has_cursor(&self) -> bool {
         self.out_is_terminal && self.cursor_moves

@@ -32,6 +32,7 @@ pub mod expected;
 pub mod explain;
 pub mod fallback;
 pub mod file;
+pub mod flash;
 pub mod fmt;
 pub mod inspect;
 pub mod key;
@@ -39,6 +40,7 @@ pub mod log;
 pub mod lsp;
 pub mod mission;
 pub mod param;
+pub mod ports;
 pub mod recorder;
 pub mod replay;
 pub mod robot;
@@ -114,6 +116,8 @@ pub enum Command {
     Test(test::TestArgs),
     Run(Box<run::RunArgs>),
     Board(board::BoardArgs),
+    Ports(ports::PortsArgs),
+    Flash(flash::FlashArgs),
     Replay(replay::ReplayArgs),
     Upload(upload::UploadArgs),
     Confirm(confirm::ConfirmArgs),
@@ -199,6 +203,8 @@ pub fn execute(
         Command::Test(args) => test::execute(args, console),
         Command::Run(args) => run::execute(args, robot, console),
         Command::Board(args) => board::execute(args, robot, console),
+        Command::Ports(args) => ports::execute(args, console),
+        Command::Flash(args) => flash::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
         Command::Upload(args) => upload::execute(args, console),
         Command::Confirm(args) => confirm::execute(args, console),

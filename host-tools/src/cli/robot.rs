@@ -1,7 +1,7 @@
 //! A robot at the other end of a line, as several commands reach it.
 
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use clap::Args;
@@ -11,10 +11,11 @@ use esm_link::message::{Mode, Status};
 use thiserror::Error;
 
 use super::argument::Port;
-use super::console::Console;
+use super::console::{self, Console};
 use super::exit::CommandError;
 use crate::keys::{self, SigningKey};
 use crate::link_client::{ClientError, KeyLoader, LinkClient, NOISY_DEADLINE, RobotInfo};
+use crate::ports::{self, FindError};
 use crate::reading::ReadError;
 use crate::run::interrupt::{self, Interrupt};
 use crate::run::mission::hash_text;
@@ -26,9 +27,14 @@ use crate::serial::{self, ByteLink, OpenError, Opened};
 /// Where a robot is.
 #[derive(Clone, Debug, Args)]
 pub struct RobotArgs {
-    /// Where the robot is: a serial line, unix:PATH or tcp:HOST:PORT
+    /// Where the robot is: a serial line, unix:PATH or tcp:HOST:PORT [default: the only robot that
+    /// is plugged in]
     #[arg(long, value_name = "PORT")]
-    pub port: Port,
+    pub port: Option<Port>,
+
+    /// Where it was found, if no port was named. A command that connects again goes there.
+    #[arg(skip)]
+    found: Arc<OnceLock<Port>>,
 
     /// The key that the robot has, if it has one [default: esm/key in the folder for configuration,
     /// ~/.config]
@@ -86,6 +92,7 @@ impl RobotArgs {
     /// # Errors
     /// What is wrong with the port, or with the robot behind it.
     pub fn connect(&self, console: &mut Console) -> Result<(Robot, RobotInfo), CommandError> {
+        self.find(&mut |told| console.note(told))?;
         let (mut robot, info, not_served) = self.begin()?;
         tell(not_served.as_ref(), console);
         warn(info.access, console);
@@ -122,7 +129,8 @@ impl RobotArgs {
         console: &mut Console,
     ) -> Result<Robot, CommandError> {
         Interrupt::take_over()?;
-        let opened = serial::open_to_stop(&self.port, self.line.baud);
+        let port = self.find(&mut |told| console.note(told))?;
+        let opened = serial::open_to_stop(port, self.line.baud);
         let (link, not_served) = line_of(opened, self.line)?;
         let (mut robot, info) = LinkClient::connect_to_stop(
             link,
@@ -149,8 +157,28 @@ impl RobotArgs {
         Ok((robot, info))
     }
 
+    /// The port that was named, or else that of the only robot that is plugged in, which `tell` is
+    /// told when it is found.
+    ///
+    /// # Errors
+    /// There is no such robot, or there are several.
+    fn find(&self, tell: &mut dyn FnMut(&str)) -> Result<&Port, CommandError> {
+        if let Some(port) = self.port.as_ref().or(self.found.get()) {
+            return Ok(port);
+        }
+        Interrupt::take_over()?;
+        let found = ports::find_robot(self.line.baud)?;
+        tell(&format!(
+            "took {}, the only port that may be meant: {}",
+            found.listed.port(),
+            found.behind
+        ));
+        Ok(self.found.get_or_init(|| found.listed.port()))
+    }
+
     fn begin(&self) -> Result<(Robot, RobotInfo, Option<NotServed>), CommandError> {
-        let (mut robot, info, not_served) = open(&self.port, self.line)?;
+        let port = self.find(&mut console::warn)?;
+        let (mut robot, info, not_served) = open(port, self.line)?;
         // Whoever names a key counts on it.
         if is_named(self.key.as_deref()) && info.access == Access::Unsupported {
             return Err(ClientError::NotBuiltIn {
@@ -370,6 +398,13 @@ impl From<ClientError> for CommandError {
             | ClientError::NotBuiltIn { .. } => CommandError::Input(error.into()),
             _ => CommandError::World(error.into()),
         }
+    }
+}
+
+/// A robot that is not there, or not alone, is the outside world's.
+impl From<FindError> for CommandError {
+    fn from(error: FindError) -> Self {
+        CommandError::World(error.into())
     }
 }
 

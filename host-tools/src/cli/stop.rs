@@ -19,7 +19,8 @@ use crate::link_client::ClientError;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  esm stop --port /dev/ttyUSB0
+  esm stop                                   # the only robot that is plugged in
+  esm stop --port /dev/ttyUSB0               # at once: no other port is asked first
   esm stop --emergency --port /dev/ttyUSB0   # until `esm start --release`")]
 pub struct StopArgs {
     #[command(flatten)]

@@ -21,6 +21,8 @@ pub struct Board {
     pub capacities: Capacities,
     /// What runs on it; `None` for the board that is a part of the command.
     pub firmware: Option<Firmware>,
+    /// How its firmware gets onto it; `None` where the board is an emulator's alone.
+    pub flashing: Option<Flashing>,
     /// How fast its interpreter is, where that was measured.
     pub interpreter: Option<InterpreterSpeed>,
 }
@@ -47,6 +49,21 @@ pub struct Flash {
     pub bytes: u32,
     /// What is erased at once where missions are kept.
     pub erase_bytes: u32,
+}
+
+/// What brings a firmware onto a board: of its `board.toml`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Flashing {
+    /// The family of chips that its UF2 files are for.
+    pub uf2_family: u32,
+    /// The `Board-ID` of its boot drive.
+    pub boot_board_id: &'static str,
+    /// The `Model` of its boot drive.
+    pub boot_model: &'static str,
+    /// The button that is held while it is plugged in, so that the boot drive appears.
+    pub boot_button: &'static str,
+    /// What `probe-rs` calls its chip.
+    pub probe_rs_chip: &'static str,
 }
 
 impl Firmware {
@@ -107,6 +124,7 @@ pub const HOST: Board = Board {
         exclusive_groups: 128,
     },
     firmware: None,
+    flashing: None,
     interpreter: None,
 };
 
@@ -135,10 +153,20 @@ pub struct UnknownBoard {
     pub name: String,
 }
 
-/// `a`, `b` and `c`
+/// All names.
 fn names() -> String {
+    joined(all())
+}
+
+/// The names of the boards that a firmware can be put onto.
+pub fn flashable() -> String {
+    joined(all().filter(|board| board.flashing.is_some()))
+}
+
+/// `a`, `b` and `c`
+fn joined(boards: impl Iterator<Item = &'static Board>) -> String {
     let mut text = String::new();
-    let mut names = all().map(|board| board.name).peekable();
+    let mut names = boards.map(|board| board.name).peekable();
     while let Some(name) = names.next() {
         let separator = match (text.is_empty(), names.peek()) {
             (true, _) => "",
@@ -204,6 +232,10 @@ mod tests {
             if let Some(speed) = board.interpreter {
                 assert_eq!(speed.instruction_ns.to_string(), told("instruction_ns"));
                 assert!(board.costs().is_some(), "{}: costs.txt", board.name);
+            }
+            if let Some(flashing) = board.flashing {
+                assert_eq!(format!("{:#x}", flashing.uf2_family), told("uf2_family"));
+                assert_eq!(flashing.boot_button, told("boot_button"));
             }
             found += 1;
         }

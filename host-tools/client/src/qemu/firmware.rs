@@ -314,6 +314,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
+    use crate::samples;
 
     fn default_board() -> &'static boards::Board {
         boards::find(BOARD).unwrap()
@@ -353,25 +354,10 @@ mod tests {
 
     /// The least ELF file with these segments: where each is loaded, and how long it is.
     fn elf(machine: u16, segments: &[(u32, u32)]) -> Vec<u8> {
-        const HEADER_BYTES: u32 = 52;
-        const SEGMENT_BYTES: u32 = 32;
-        let identification = [0x7f, b'E', b'L', b'F', 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0];
-        let mut bytes = identification.to_vec();
-        let halves =
-            |halves: &[u16]| -> Vec<u8> { halves.iter().flat_map(|it| it.to_le_bytes()).collect() };
-        let words =
-            |words: &[u32]| -> Vec<u8> { words.iter().flat_map(|it| it.to_le_bytes()).collect() };
-        let (header, segment) = (HEADER_BYTES as u16, SEGMENT_BYTES as u16);
-        bytes.extend(halves(&[2, machine]));
-        bytes.extend(words(&[1, 0, HEADER_BYTES, 0, 0]));
-        bytes.extend(halves(&[header, segment, segments.len() as u16, 0, 0, 0]));
-        let mut place = HEADER_BYTES + SEGMENT_BYTES * segments.len() as u32;
-        for &(at, length) in segments {
-            bytes.extend(words(&[1, place, at, at, length, length, 5, 4]));
-            place += length;
-        }
-        bytes.resize(place as usize, 0);
-        bytes
+        let zeros = [0; 256];
+        let bytes = |&(at, length): &(u32, u32)| (at, &zeros[..length as usize]);
+        let segments: Vec<(u32, &[u8])> = segments.iter().map(bytes).collect();
+        samples::elf(machine, &segments)
     }
 
     #[test]

@@ -215,6 +215,45 @@ pub fn open_to_stop(port: &Port, baud: u32) -> Result<Opened, OpenError> {
     })
 }
 
+/// Opens a serial line that nobody has, and leaves one alone that somebody has: it is not set up
+/// anew, and nothing is written to it.
+///
+/// # Errors
+/// As [`open`]; [`OpenError::Busy`] where another program has locked the line.
+pub fn open_if_free(port: &Port, baud: u32) -> Result<Box<dyn ByteLink>, OpenError> {
+    let Port::Tty(path) = port else {
+        return open(port, baud);
+    };
+    let look = open_file(port, path)?;
+    let begun = Instant::now();
+    loop {
+        match look.try_lock() {
+            Ok(()) => break,
+            Err(std::fs::TryLockError::WouldBlock) if begun.elapsed() < OPENING_WAIT => {
+                std::thread::sleep(OPENING_LOOK);
+            }
+            Err(std::fs::TryLockError::WouldBlock) => {
+                return Err(OpenError::Busy { port: port.clone() });
+            }
+            Err(std::fs::TryLockError::Error(cause)) => return Err(open_error(port, cause)),
+        }
+    }
+    look.unlock().map_err(|cause| open_error(port, cause))?;
+    // Open up to the end: a line that is closed in between may reset the board behind it twice.
+    open(port, baud)
+}
+
+/// Whether another process of this user has a port open by this library, so that a stop can take
+/// it over.
+pub fn is_used_by_esm(port: &Port) -> bool {
+    takeover::identity(port).is_ok_and(|identity| takeover::is_served(&identity))
+}
+
+/// What a port is, however it is named. None of what is not there.
+pub fn identity(port: &Port) -> Option<String> {
+    takeover::identity(port).ok()
+}
+
 /// Who else may use a serial line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Use {
@@ -236,18 +275,23 @@ fn open_tty(port: &Port, path: &Path, baud: u32, used: Use) -> Result<File, Open
         .map_err(|error| tty_error(port, &error))?;
     // Half a frame from before is of no use to anybody.
     let _ = line.clear(serialport::ClearBuffer::Input);
-    let flags = OFlags::NOCTTY | OFlags::NONBLOCK;
-    let file = File::options()
-        .read(true)
-        .write(true)
-        .custom_flags(flags.bits() as i32)
-        .open(path)
-        .map_err(|cause| open_error(port, cause))?;
+    let file = open_file(port, path)?;
     match file.try_lock_shared() {
         Ok(()) => Ok(file),
         Err(std::fs::TryLockError::WouldBlock) => Err(OpenError::Busy { port: port.clone() }),
         Err(std::fs::TryLockError::Error(cause)) => Err(open_error(port, cause)),
     }
+}
+
+/// Opens the file of a serial line, without waiting.
+fn open_file(port: &Port, path: &Path) -> Result<File, OpenError> {
+    let flags = OFlags::NOCTTY | OFlags::NONBLOCK;
+    File::options()
+        .read(true)
+        .write(true)
+        .custom_flags(flags.bits() as i32)
+        .open(path)
+        .map_err(|cause| open_error(port, cause))
 }
 
 /// Connects to a Unix socket. One whose server accepts nobody would keep a blocking call for ever.

@@ -307,6 +307,12 @@ pub(super) fn take(identity: &str) -> Option<OwnedFd> {
     None
 }
 
+/// Whether a process of this user serves a port. It is asked for nothing.
+pub(super) fn is_served(identity: &str) -> bool {
+    let mut sockets = folders().into_iter().filter(|folder| is_ours(folder));
+    sockets.any(|folder| connect(&socket_in(&folder, identity)).is_ok())
+}
+
 /// What a process answers.
 fn granted(control: &UnixStream, deadline: Instant) -> Option<OwnedFd> {
     loop {

@@ -35,6 +35,7 @@ const SMALL: Board = Board {
         exclusive_groups: GROUPS as u16,
     },
     firmware: None,
+    flashing: None,
     interpreter: None,
 };
 
