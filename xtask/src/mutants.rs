@@ -346,6 +346,29 @@ fn copy_package(from: &Path, to: &Path) -> Result<(), Failure> {
             copy_package(&path, &copy)?;
         }
     }
+    remove_gone(from, to)
+}
+
+/// Removes from a copy what is no more in the folder that it is of: a module that was moved would
+/// be there twice.
+fn remove_gone(from: &Path, to: &Path) -> Result<(), Failure> {
+    let of_copy = |cause| Failure::File {
+        path: to.to_owned(),
+        cause,
+    };
+    for entry in fs::read_dir(to).map_err(of_copy)? {
+        let entry = entry.map_err(of_copy)?;
+        if from.join(entry.file_name()).exists() {
+            continue;
+        }
+        let gone = entry.path();
+        let is_folder = entry.file_type().map_err(of_copy)?.is_dir();
+        let removed = match is_folder {
+            true => fs::remove_dir_all(&gone),
+            false => fs::remove_file(&gone),
+        };
+        removed.map_err(|cause| Failure::File { path: gone, cause })?;
+    }
     Ok(())
 }
 
