@@ -170,6 +170,13 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             Ok(())
         }
         "firmware" => {
+            let names_robot = options.example || options.robot.is_some();
+            if options.board.is_some() && (names_robot || options.lean) {
+                return Err(Failure::Usage(
+                    "--example, --robot and --lean are of the default board: leave --board out"
+                        .to_owned(),
+                ));
+            }
             let toolchain = setup::toolchain(choice)?;
             if options.example {
                 return firmware::build_example(&root, &toolchain).map(print_files);
