@@ -196,10 +196,7 @@ impl Emulator {
         let plant = PipeServer::start(folder.path(), plant)
             .map_err(system("open the pipes to the plant"))?;
         let flash =
-            PipeServer::start_pair(folder.path(), pipes::FLASH, move |requests, replies| {
-                flash.serve(requests, replies)
-            })
-            .map_err(system("open the pipes to the flash"))?;
+            serve_flash(folder.path(), flash).map_err(system("open the pipes to the flash"))?;
         let link = line
             .map(|line| Ok((line.clone(), serve_link(folder.path(), line)?)))
             .transpose()
@@ -270,10 +267,7 @@ impl Emulator {
             })
             .map_err(system("open the pipes to the sonars"))?;
         let flash =
-            PipeServer::start_pair(folder.path(), pipes::FLASH, move |requests, replies| {
-                flash.serve(requests, replies)
-            })
-            .map_err(system("open the pipes to the flash"))?;
+            serve_flash(folder.path(), flash).map_err(system("open the pipes to the flash"))?;
         let link = serve_link(folder.path(), line.clone())
             .map_err(system("open the pipes of the link"))?;
         let mut chip = Command::new(python);
@@ -374,6 +368,13 @@ impl Drop for Emulator {
             pulses.stop();
         }
     }
+}
+
+/// Serves the pipes of the flash.
+fn serve_flash(folder: &Path, flash: Flash) -> io::Result<PipeServer> {
+    PipeServer::start_pair(folder, pipes::FLASH, move |requests, replies| {
+        flash.serve(requests, replies)
+    })
 }
 
 /// Serves the pipes of the link, whose other end is that of `line`.

@@ -87,8 +87,10 @@ impl Board {
         let flash = Flash::blank(self.flash_bytes());
         // Blank cells take it.
         let _ = match self.erase_bytes() {
+            InSectors::<ERASE_BYTES>::BYTES => self.wait_for_host(flash.clone()),
             InSectors::<4096>::BYTES => self.wait_for_host(InSectors::<4096>(flash.clone())),
-            _ => self.wait_for_host(flash.clone()),
+            // Where it would lie in others is not known.
+            _ => None,
         };
         flash
     }
