@@ -14,7 +14,7 @@ use rt_firmware::store::flash_store::flash_bytes;
 use serde_json::Value;
 
 const SOURCE: &str = "missions/stand_by.esm";
-const BLOB: &str = "boards/lm3s6965/stand_by.blob";
+const BLOB: &str = "boards/stand_by.blob";
 
 fn own_hash() -> String {
     let blob = std::fs::read(root().join(BLOB)).unwrap();

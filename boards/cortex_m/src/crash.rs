@@ -6,7 +6,7 @@ use core::panic::PanicInfo;
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::ExceptionFrame;
-use esm_link::message::CoreFault;
+use esm_link::message::{CoreFault, ResetReason};
 use rt_firmware::RetainedRam;
 use rt_firmware::retained_ram::CrashCause;
 
@@ -45,6 +45,25 @@ pub fn end(cause: &CrashCause<'_>, motors_off: impl FnOnce()) -> ! {
     motors_off();
     kept().end(cause);
     SCB::sys_reset()
+}
+
+/// Logs why the firmware starts.
+pub fn log_reset(reset: ResetReason) {
+    let words = kept().crash_report().0;
+    match reset {
+        ResetReason::Panic => {
+            rt_firmware::error!("started again after a panic in line {=u32}", words.line)
+        }
+        ResetReason::CpuFault => {
+            rt_firmware::error!("started again after a fault at {=u32:#x}", words.fault.pc)
+        }
+        ResetReason::Watchdog => {
+            rt_firmware::error!("started again by the watchdog: the slots had stopped")
+        }
+        ResetReason::BrownOut => rt_firmware::error!("started again: the supply voltage fell"),
+        ResetReason::PowerOn => rt_firmware::info!("power on"),
+        ResetReason::Pin | ResetReason::Software => rt_firmware::info!("reset"),
+    }
 }
 
 /// Where a panic was. Its message stays behind: formatting it would cost kilobytes of flash.

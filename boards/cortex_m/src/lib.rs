@@ -5,7 +5,9 @@
 //! | [`crash`] | RAM that a reset leaves alone, and how a firmware ends |
 //! | [`line`] | queues between the interrupt of a serial line and the link |
 //! | [`log`] | rings of log frames, which never delay a slot |
+//! | [`sides`] | the sides of a runtime, in their places |
 //! | [`stack`] | how deep the stack went |
+//! | [`store`], [`no_flash`] | missions and records in flash, or none |
 //!
 //! A board brings the rest: its clock, its slot timer, its pins, and the critical section, which
 //! must never mask the slot timer.
@@ -15,7 +17,11 @@ pub mod crash;
 pub mod line;
 #[cfg(feature = "log")]
 pub mod log;
+pub mod no_flash;
+pub mod sides;
 pub mod stack;
+#[cfg(feature = "store")]
+pub mod store;
 
 use core::mem::MaybeUninit;
 

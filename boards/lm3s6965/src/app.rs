@@ -63,13 +63,14 @@ macro_rules! app {
             use core::mem::MaybeUninit;
 
             use super::*;
-            use $crate::flash::StoreMemory;
+            use $crate::cortex_m_board::sides::{self, Sides};
+            use $crate::flash::{self, StoreMemory};
             use $crate::heapless::spsc::Queue;
             use $crate::line::{self, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
             use $crate::pac::Interrupt;
             use $crate::rt_firmware::retained_ram::CrashCause;
             use $crate::rt_firmware::{
-                About, Background, Limits, LinkSide, Mailbox, RealTime, AnyTaskPool, split,
+                About, AnyTaskPool, Background, LinkSide, Mailbox, RealTime,
             };
             use $crate::{cortex_m, post_mortem, rtic, slot_timer, uart, watchdog};
 
@@ -116,21 +117,15 @@ macro_rules! app {
                     kept: Some(post_mortem::kept()),
                     ..About::new($firmware, $crate::NAME)
                 };
-                let mut background = None;
-                let real_time = $crate::put(cx.local.real_time_place, || {
-                    match split(cx.local.memory, banks, cx.local.mailbox, about, Limits::default()) {
-                        Ok((real_time, other, link)) => {
-                            background = Some((other, cx.local.link_place.write(link)));
-                            real_time
-                        }
-                        Err(_) => panic!("two tasks have one name, or two port types do"),
-                    }
-                });
-                let Some((background, link)) = background else {
-                    panic!("the sides are made together");
-                };
+                let Sides { real_time, background, link } = sides::make(
+                    (cx.local.real_time_place, cx.local.link_place),
+                    cx.local.memory,
+                    banks,
+                    cx.local.mailbox,
+                    about,
+                );
                 let default_mission: Option<&'static [u8]> = [$(&$default_mission[..])?].first().copied();
-                let keep = cx.local.keep.open(default_mission);
+                let keep = flash::open(cx.local.keep, default_mission);
                 let (line, mut link_end) = line::split(
                     cx.local.received,
                     cx.local.to_transmit,

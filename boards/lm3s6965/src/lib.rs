@@ -39,8 +39,7 @@ pub mod critical;
 #[cfg(feature = "store")]
 pub mod flash;
 #[cfg(not(feature = "store"))]
-#[path = "no_flash.rs"]
-pub mod flash;
+pub use cortex_m_board::no_flash as flash;
 pub mod line;
 pub mod plant;
 #[cfg(feature = "plant-line")]
@@ -63,7 +62,7 @@ use rt_firmware::body::PinImage;
 
 #[cfg(feature = "log")]
 use cortex_m_board::log;
-use cortex_m_board::stack;
+use cortex_m_board::{crash, stack};
 use slots::SlotBoard;
 
 #[doc(hidden)]
@@ -71,7 +70,7 @@ pub use cortex_m_board::put;
 #[doc(hidden)]
 pub use cortex_m_rt as rt;
 #[doc(hidden)]
-pub use {cortex_m, heapless, pac, rt_firmware, rtic};
+pub use {cortex_m, cortex_m_board, heapless, pac, rt_firmware, rtic};
 
 /// Name of the board, as it tells it over the link.
 pub const NAME: &str = "lm3s6965";
@@ -81,17 +80,7 @@ pub mod settings {
     include!(concat!(env!("OUT_DIR"), "/settings.rs"));
 }
 
-/// A runtime's memory, of this board's size.
-pub type Memory<'m> = rt_firmware::Memory<
-    'm,
-    { settings::BLOB_BYTES },
-    { settings::ARENA_WORDS },
-    { settings::SLOTS },
-    { settings::TASKS },
-    { settings::NETS },
-    { settings::EXCLUSIVE_GROUPS },
-    { settings::TRACE_BYTES },
->;
+pub use settings::Memory;
 
 #[cfg(feature = "log")]
 defmt::timestamp!("{=u64:us}", clock::now_us());
@@ -118,21 +107,7 @@ pub fn start() -> Start {
     uart::start();
     plant::open();
     let (reset, plant_time_us) = post_mortem::take();
-    let words = post_mortem::kept().crash_report().0;
-    match reset {
-        ResetReason::Panic => {
-            rt_firmware::error!("started again after a panic in line {=u32}", words.line)
-        }
-        ResetReason::CpuFault => {
-            rt_firmware::error!("started again after a fault at {=u32:#x}", words.fault.pc)
-        }
-        ResetReason::Watchdog => {
-            rt_firmware::error!("started again by the watchdog: the slots had stopped")
-        }
-        ResetReason::BrownOut => rt_firmware::error!("started again: the supply voltage fell"),
-        ResetReason::PowerOn => rt_firmware::info!("power on"),
-        ResetReason::Pin | ResetReason::Software => rt_firmware::info!("reset"),
-    }
+    crash::log_reset(reset);
     Start {
         reset,
         board: SlotBoard::new(plant_time_us),

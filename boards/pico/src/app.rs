@@ -22,15 +22,15 @@ macro_rules! app {
             use core::mem::MaybeUninit;
 
             use super::*;
-            use $crate::flash::StoreMemory;
+            use $crate::cortex_m_board::sides::{self, Sides};
+            use $crate::flash::{self, StoreMemory};
             use $crate::heapless::spsc::Queue;
             use $crate::line::{self, Line, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
             use $crate::pins::{BoardRoverParts, StopPin};
             use $crate::rp2040_hal::pac::Interrupt;
             use $crate::rp2040_hal::vector_table::VectorTable;
             use $crate::rt_firmware::{
-                About, AnyTaskPool, Background, Limits, LinkSide, Mailbox, RealTime, WithStopButton,
-                split,
+                About, AnyTaskPool, Background, LinkSide, Mailbox, RealTime, WithStopButton,
             };
             use $crate::slots::SlotBoard;
             use $crate::uart::Uart0;
@@ -78,22 +78,15 @@ macro_rules! app {
                     kept: Some(crash::kept()),
                     ..About::new($firmware, $crate::NAME)
                 };
-                let mut background = None;
-                let real_time = $crate::put(cx.local.real_time_place, || {
-                    let limits = Limits::default();
-                    match split(cx.local.memory, banks, cx.local.mailbox, about, limits) {
-                        Ok((real_time, other, link)) => {
-                            background = Some((other, cx.local.link_place.write(link)));
-                            real_time
-                        }
-                        Err(_) => panic!("two tasks have one name, or two port types do"),
-                    }
-                });
-                let Some((background, link)) = background else {
-                    panic!("the sides are made together");
-                };
+                let Sides { real_time, background, link } = sides::make(
+                    (cx.local.real_time_place, cx.local.link_place),
+                    cx.local.memory,
+                    banks,
+                    cx.local.mailbox,
+                    about,
+                );
                 let own: Option<&'static [u8]> = [$(&$default_mission[..])?].first().copied();
-                let keep = cx.local.keep.open(own);
+                let keep = flash::open(cx.local.keep, own);
                 let (line, mut link_end) = line::split(
                     cx.local.received,
                     cx.local.to_transmit,

@@ -1,7 +1,7 @@
 //! How the firmware ends, and why it starts.
 
 use cortex_m_board::crash;
-pub use cortex_m_board::crash::kept;
+pub use cortex_m_board::crash::{kept, log_reset};
 use esm_link::message::ResetReason;
 use rp2040_hal::pac::{VREG_AND_CHIP_RESET, WATCHDOG};
 use rt_firmware::retained_ram::CrashCause;

@@ -4,16 +4,16 @@
 //! flash, and nothing needs it: code and data are in RAM (`pico.x`), so that slots interrupt an
 //! operation like any other work of the link.
 
-use core::mem::MaybeUninit;
 use core::slice;
 
+use cortex_m_board::store::{self, FlashTimes};
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 use rp2040_hal::rom_data;
 use rt_firmware::store::flash_store::{self, FlashStore};
 
-use crate::{crash, settings};
+use crate::settings;
 
 /// What is erased at once.
 const SECTOR_BYTES: u32 = 4_096;
@@ -36,57 +36,29 @@ const _: () = assert!(BYTES <= RESERVED_BYTES);
 /// Where the flash is read.
 const READ_AT: u32 = 0x1000_0000;
 
-/// Milliseconds that it takes at most to keep a mission that is signed: its bank is erased and
-/// written, and before it a table of records, three times if it is the first of all, and a half of
-/// its journal; reading it back, checking it and the slots that run meanwhile take as long again.
+/// Milliseconds that it takes at most to keep a mission that is signed.
 ///
 /// The data sheet of the W25Q16JV gives 400 ms for a sector and 3 ms for a page at most, 45 ms and
 /// 0.4 ms as a rule.
-pub const LONGEST_MS: u16 = {
-    const ERASE_US: u32 = 400_000;
-    const WRITE_US: u32 = 3_000;
-    const fn written_us(bytes: u32) -> u32 {
-        let bank_bytes = flash_store::bank_bytes(bytes, SECTOR_BYTES);
-        bank_bytes / SECTOR_BYTES * ERASE_US + bank_bytes / WRITE_BYTES as u32 * WRITE_US
-    }
-    let us =
-        written_us(settings::BLOB_BYTES as u32) + 4 * written_us(flash_store::RECORD_BYTES as u32);
-    let ms = 2 * us / 1_000;
-    assert!(ms <= u16::MAX as u32);
-    ms as u16
-};
+pub const LONGEST_MS: u16 = FlashTimes {
+    erase_bytes: SECTOR_BYTES,
+    erase_us: 400_000,
+    write_bytes: WRITE_BYTES as u32,
+    write_us: 3_000,
+}
+.longest_ms(settings::BLOB_BYTES as u32);
 
 /// The flash, and what is kept in it.
 pub type BoardStore = FlashStore<'static, OnChip>;
-
 /// The memory of what the board keeps.
-pub struct StoreMemory {
-    keep: MaybeUninit<BoardStore>,
-    records: [u8; flash_store::RECORD_BYTES],
-}
+pub type StoreMemory = store::StoreMemory<OnChip>;
 
-impl StoreMemory {
-    /// Memory that nothing uses yet.
-    #[allow(clippy::new_without_default, reason = "there is one, in a static")]
-    pub const fn new() -> Self {
-        StoreMemory {
-            keep: MaybeUninit::uninit(),
-            records: [0; flash_store::RECORD_BYTES],
-        }
-    }
-
-    /// Opens what is kept in the flash.
-    // Not inlined: the app's first function should not keep what this needs of the stack.
-    #[inline(never)]
-    pub fn open(
-        &'static mut self,
-        default_mission: Option<&'static [u8]>,
-    ) -> Option<&'static mut BoardStore> {
-        let blob_bytes = settings::BLOB_BYTES as u32;
-        let opened = FlashStore::open(OnChip(()), blob_bytes, default_mission, &mut self.records);
-        let keep = opened.ok()?.over_resets(crash::kept());
-        Some(self.keep.write(keep))
-    }
+/// Opens what is kept in the flash.
+pub fn open(
+    memory: &'static mut StoreMemory,
+    default_mission: Option<&'static [u8]>,
+) -> Option<&'static mut BoardStore> {
+    memory.open(OnChip(()), settings::BLOB_BYTES as u32, default_mission)
 }
 
 /// The part of the chip's flash that is the store's. The link alone has it.

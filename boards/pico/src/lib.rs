@@ -44,8 +44,7 @@ pub mod encoders;
 #[cfg(feature = "store")]
 pub mod flash;
 #[cfg(not(feature = "store"))]
-#[path = "no_flash.rs"]
-pub mod flash;
+pub use cortex_m_board::no_flash as flash;
 pub mod line;
 pub mod motors;
 pub mod pins;
@@ -60,7 +59,7 @@ use cortex_m_board::stack;
 use esm_link::message::ResetReason;
 use rp2040_hal::clocks::{ClocksManager, init_clocks_and_plls};
 use rp2040_hal::gpio;
-use rp2040_hal::pac::{self, Peripherals};
+use rp2040_hal::pac::Peripherals;
 use rp2040_hal::sio::Sio;
 use rp2040_hal::vector_table::VectorTable;
 
@@ -70,7 +69,7 @@ use slots::SlotBoard;
 #[doc(hidden)]
 pub use cortex_m_board::put;
 #[doc(hidden)]
-pub use {cortex_m, heapless, rp2040_hal, rt_firmware, rtic};
+pub use {cortex_m, cortex_m_board, heapless, rp2040_hal, rt_firmware, rtic};
 
 /// Name of the board, as it tells it over the link.
 pub const NAME: &str = "pico";
@@ -80,17 +79,7 @@ pub mod settings {
     include!(concat!(env!("OUT_DIR"), "/settings.rs"));
 }
 
-/// A runtime's memory, of this board's size.
-pub type Memory<'m> = rt_firmware::Memory<
-    'm,
-    { settings::BLOB_BYTES },
-    { settings::ARENA_WORDS },
-    { settings::SLOTS },
-    { settings::TASKS },
-    { settings::NETS },
-    { settings::EXCLUSIVE_GROUPS },
-    { settings::TRACE_BYTES },
->;
+pub use settings::Memory;
 
 /// The second stage of the boot loader: how the flash of a Pico is read.
 #[unsafe(link_section = ".boot2")]
@@ -122,7 +111,7 @@ pub struct Start {
 pub fn start(vectors: &'static mut VectorTable) -> Start {
     stack::paint();
     #[cfg(feature = "log")]
-    cortex_m_board::log::start(pac::Interrupt::TIMER_IRQ_0);
+    cortex_m_board::log::start(rp2040_hal::pac::Interrupt::TIMER_IRQ_0);
     let Some(mut chip) = Peripherals::take() else {
         panic!("the board is started once");
     };
@@ -160,22 +149,7 @@ pub fn start(vectors: &'static mut VectorTable) -> Start {
         uart0: chip.UART0,
     }
     .into_parts(pins, peripheral_hz(&clocks), &mut chip.RESETS);
-    match reset {
-        ResetReason::Panic => {
-            let line = crash::kept().crash_report().0.line;
-            rt_firmware::error!("started again after a panic in line {=u32}", line)
-        }
-        ResetReason::CpuFault => {
-            let pc = crash::kept().crash_report().0.fault.pc;
-            rt_firmware::error!("started again after a fault at {=u32:#x}", pc)
-        }
-        ResetReason::Watchdog => {
-            rt_firmware::error!("started again by the watchdog: the slots had stopped")
-        }
-        ResetReason::BrownOut => rt_firmware::error!("started again: the supply voltage fell"),
-        ResetReason::PowerOn => rt_firmware::info!("power on"),
-        ResetReason::Pin | ResetReason::Software => rt_firmware::info!("reset"),
-    }
+    crash::log_reset(reset);
     Start {
         reset,
         board: SlotBoard::new(watchdog, led),

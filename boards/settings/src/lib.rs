@@ -27,16 +27,31 @@ const FEATURES: [&str; 4] = [
     "CARGO_FEATURE_WARM",
 ];
 
-/// Writes `settings.rs` into the build's folder, one constant for each key: of the `board.toml`
-/// beside the build script that calls this. A lean build takes those of the sections `….lean` where
-/// they have one.
+/// The type of a runtime's memory, of a board's size.
+const MEMORY: &str = "
+/// A runtime's memory, of this board's size.
+pub type Memory<'m> = rt_firmware::Memory<
+    'm,
+    BLOB_BYTES,
+    ARENA_WORDS,
+    SLOTS,
+    TASKS,
+    NETS,
+    EXCLUSIVE_GROUPS,
+    TRACE_BYTES,
+>;
+";
+
+/// Writes `settings.rs` into the build's folder: one constant for each key, of the `board.toml`
+/// beside the build script that calls this, and the type of the memory that they make. A lean build
+/// takes those of the sections `….lean` where they have one.
 pub fn write() {
     let board = Path::new("board.toml");
     println!("cargo:rerun-if-changed={}", board.display());
     let is_lean = !FEATURES
         .iter()
         .any(|feature| env::var_os(feature).is_some());
-    fs::write(out().join("settings.rs"), constants(board, is_lean))
+    fs::write(out().join("settings.rs"), constants(board, is_lean) + MEMORY)
         .expect("OUT_DIR can be written to");
 }
 

@@ -322,7 +322,7 @@ mod tests {
     use esm_link::recording::Recorded;
 
     /// A mission with a few tasks, whose firmware takes it where there is no other.
-    const BLOB: &[u8] = include_bytes!("../../../boards/lm3s6965/stand_by.blob");
+    const BLOB: &[u8] = include_bytes!("../../../boards/stand_by.blob");
     const WORDS: usize = 64;
     const STEPS: u64 = 3_000;
 

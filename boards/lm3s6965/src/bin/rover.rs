@@ -15,5 +15,5 @@ lm3s6965::app! {
     firmware: concat!("rover ", env!("CARGO_PKG_VERSION")),
     robot: PinRover<'static> = |pins| PinRover::new(RoverParts::from(pins)),
     emergency_stop: StopPin<'static> = PINS.stop_button(),
-    default_mission: include_bytes!("../../stand_by.blob"),
+    default_mission: include_bytes!("../../../stand_by.blob"),
 }

@@ -14,5 +14,5 @@ const _: () = assert!(settings::COUNTS_PER_REVOLUTION == COUNTS_PER_REVOLUTION);
 pico::app! {
     firmware: concat!("rover ", env!("CARGO_PKG_VERSION")),
     robot: BoardRover = BoardRover::new,
-    default_mission: include_bytes!("../../../lm3s6965/stand_by.blob"),
+    default_mission: include_bytes!("../../../stand_by.blob"),
 }

@@ -15,12 +15,12 @@ impl StoreMemory {
     pub const fn new() -> Self {
         StoreMemory
     }
+}
 
-    /// Nothing is kept.
-    pub fn open(
-        &'static mut self,
-        _safe_default: Option<&'static [u8]>,
-    ) -> Option<&'static mut BoardStore> {
-        None
-    }
+/// Nothing is kept.
+pub fn open(
+    _memory: &'static mut StoreMemory,
+    _default_mission: Option<&'static [u8]>,
+) -> Option<&'static mut BoardStore> {
+    None
 }
