@@ -121,7 +121,7 @@ pub fn test_pins(root: &Path, board: &str, firmware: &Path) -> Result<(), Failur
         command(root.join(EMULATORS_FOLDER).join(board).join("bin/python"))
             .args(["-m", "unittest", "discover", "--start-directory"])
             .arg(root.join(format!("boards/{board}/emulator/tests")))
-            // Else Python would write beside its sources, for which the command would be built anew.
+            // What Python wrote beside its sources would have the command built anew.
             .env("PYTHONDONTWRITEBYTECODE", "1")
             .env("ESM_PINS_FIRMWARE", firmware),
     )
