@@ -51,8 +51,11 @@ pub fn write() {
     let is_lean = !FEATURES
         .iter()
         .any(|feature| env::var_os(feature).is_some());
-    fs::write(out().join("settings.rs"), constants(board, is_lean) + MEMORY)
-        .expect("OUT_DIR can be written to");
+    fs::write(
+        out().join("settings.rs"),
+        constants(board, is_lean) + MEMORY,
+    )
+    .expect("OUT_DIR can be written to");
 }
 
 /// Puts a linker script where the linker looks for it. `from` is relative to the package, so that a
