@@ -7,7 +7,7 @@ use host_tools::plant::{BodyParameters, BodyPose, Plant};
 use host_tools::world::World;
 use rt_firmware::body::{Freshness, PinImage, PlantExchange};
 use rt_firmware::ports::{Inputs, TaskPlace};
-use rt_firmware::rover::{PinRover, RoverParts};
+use rt_firmware::rover::{Measures, PinRover, RoverParts};
 use rt_firmware::tasks::Pose;
 use rt_firmware::{Step, assemble, nets};
 
@@ -40,7 +40,7 @@ fn drive(world: &str, movement: &Movement, limit_s: u64, seed: u64) -> End {
     let world = World::parse(world).unwrap();
     let mut plant = Plant::new(world, BodyParameters::default(), seed).unwrap();
     let pins = PinImage::new();
-    let mut rover = PinRover::new(RoverParts::from(pins.parts()));
+    let mut rover = PinRover::new(RoverParts::from(pins.parts()), &Measures::ROVER);
     let mut banks = rover.banks();
     let mut nets = nets::<5>();
     let (mut executor, registry) = assemble(&mut banks, &mut nets).unwrap();

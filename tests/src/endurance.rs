@@ -18,7 +18,7 @@ use host_tools::plant::{BodyParameters, Plant};
 use rt_firmware::body::{
     self, ANALOG_CHANNELS, BATTERY_CHANNEL, Freshness, PinImage, PlantExchange, Reply, Sensors,
 };
-use rt_firmware::rover::PinRover;
+use rt_firmware::rover::{Measures, PinRover};
 use rt_firmware::{
     About, ActivationStart, AnyTaskPool, Background, Board, Limits, LinkPort, LinkSide, Mailbox,
     Memory, RealTime, split,
@@ -334,7 +334,7 @@ impl Robot<'_, '_, '_, '_> {
 pub fn drive(mission: &Path, body: Body<'_>, duration_us: u64) -> Result<Run, String> {
     let built = subject::build_file(mission)?;
     let pins = PinImage::new();
-    let mut rover = PinRover::new(pins.parts().into());
+    let mut rover = PinRover::new(pins.parts().into(), &Measures::ROVER);
     drive_robot(&built.blob, &pins, &mut rover.banks(), body, duration_us)
 }
 

@@ -23,8 +23,7 @@ use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
 use rt_firmware::AnyTaskPool;
 use rt_firmware::body::Parts;
-use rt_firmware::rover::{CHASSIS, PinRover, PinRoverParts};
-use rt_firmware::tasks::Chassis;
+use rt_firmware::rover::{Measures, PinRover, PinRoverParts};
 
 const MISSIONS: [&str; 2] = ["patrol", "follow_wall"];
 const WORLDS: [&str; 2] = ["office", "corridor"];
@@ -687,11 +686,9 @@ fn a_mission_that_follows_another_delays_its_first_step_by_less_than_a_period_co
 /// A robot like the rover, but with wheels a millimetre farther apart.
 fn wider_rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn AnyTaskPool + '_)])) {
     let parts: PinRoverParts<'_> = parts.into();
-    let wider = Chassis {
-        wheel_base_m: CHASSIS.wheel_base_m + 0.001,
-        ..CHASSIS
-    };
-    let mut robot = PinRover::from_tasks(parts.into_tasks_with(wider));
+    let mut wider = Measures::ROVER;
+    wider.chassis.wheel_base_m += 0.001;
+    let mut robot = PinRover::new(parts, &wider);
     run(&mut robot.banks());
 }
 

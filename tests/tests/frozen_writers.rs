@@ -20,7 +20,7 @@ use host_tools::plant::{BodyParameters, Plant};
 use rt_firmware::body::{DEADMAN_US, DirectionPin, MotorPwm, PinImage, Request};
 use rt_firmware::drivers::DcMotor;
 use rt_firmware::ports::SILENT_EXECUTIONS;
-use rt_firmware::rover::{CHASSIS, PinRoverParts};
+use rt_firmware::rover::{Measures, PinRoverParts};
 use rt_firmware::task::{Declaration, Declared};
 use rt_firmware::tasks::{
     Back, BatteryGuard, Cruise, DriveDistance, DriveOpenLoop, FollowLine, FollowWall, LineMonitor,
@@ -197,12 +197,12 @@ fn with_robot<R>(
         let task = Cell::new(Some(task));
         bank(freeze, || task.take().unwrap())
     }
-    let tasks = PinRoverParts::from(pins.parts()).into_tasks();
+    let tasks = PinRoverParts::from(pins.parts()).into_tasks(&Measures::ROVER);
     let parts = pins.parts();
     let open_loop = DriveOpenLoop::new(
         DcMotor::new(parts.left_pwm, parts.left_direction),
         DcMotor::new(parts.right_pwm, parts.right_direction),
-        CHASSIS,
+        Measures::ROVER.chassis,
     );
     let mut wheel_speed = one(freeze, tasks.wheel_speed);
     let mut open_loop = one(freeze, open_loop);

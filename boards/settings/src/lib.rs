@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::{env, fs};
 
 /// Keys of `board.toml` that a board's code is built with, and the types of their constants.
-const SETTINGS: [(&str, &str); 10] = [
+const SETTINGS: [(&str, &str); 8] = [
     ("blob_bytes", "usize"),
     ("arena_words", "usize"),
     ("slots", "usize"),
@@ -15,8 +15,6 @@ const SETTINGS: [(&str, &str); 10] = [
     ("exclusive_groups", "usize"),
     ("trace_bytes", "usize"),
     ("ticks_per_us", "u32"),
-    ("wheel_base_m", "f32"),
-    ("counts_per_revolution", "f32"),
 ];
 
 /// What cargo says of the features that take memory: a build without any of them is lean.

@@ -14,12 +14,16 @@ pub mod lamp;
 use esm::rt_firmware::body::{
     AnalogChannel, AuxOutput, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, TriggerPin,
 };
-use esm::rt_firmware::rover::RoverParts;
+use esm::rt_firmware::rover::{Measures, RoverParts};
 use esm::rt_firmware::tasks::{BatteryMonitor, Cruise, Odometry, SonarRing, Turn, WheelSpeed};
 use esm::rt_firmware::{TaskPool, registry};
 
 use headlight::Headlight;
 use lamp::Lamp;
+
+/// What the robot measures. The simulated halls have the rover in them, so these are the rover's; in
+/// a copy, put your own here.
+pub const MEASURES: Measures = Measures::ROVER;
 
 registry! {
     /// The rover's motion, and a headlight.
@@ -52,7 +56,7 @@ impl<'a> MyRobot<'a> {
             battery,
             line_sensors: [left, middle, right],
         }
-        .into_tasks();
+        .into_tasks(&MEASURES);
         Self {
             sonar_ring: TaskPool::new([hardware.sonar_ring]),
             odometry: TaskPool::new([hardware.odometry]),

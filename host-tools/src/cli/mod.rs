@@ -145,10 +145,10 @@ pub fn main() -> ExitCode {
 /// program.
 ///
 /// ```no_run
-/// use rt_firmware::rover::PinRover;
+/// use rt_firmware::rover::{Measures, PinRover};
 ///
 /// fn main() -> std::process::ExitCode {
-///     host_tools::cli::main_with(|parts, run| run(&mut PinRover::new(parts.into()).banks()))
+///     host_tools::cli::main_with(|parts, run| run(&mut PinRover::new(parts.into(), &Measures::ROVER).banks()))
 /// }
 /// ```
 pub fn main_with(robot: RobotMaker) -> ExitCode {

@@ -6,10 +6,10 @@
 //! a [`PinRover`]:
 //!
 //! ```
-//! use rt_firmware::{assemble, body::PinImage, nets, rover::{PinRover, RoverParts}};
+//! use rt_firmware::{assemble, body::PinImage, nets, rover::{Measures, PinRover, RoverParts}};
 //!
 //! let pins = PinImage::new();
-//! let mut rover = PinRover::new(RoverParts::from(pins.parts()));
+//! let mut rover = PinRover::new(RoverParts::from(pins.parts()), &Measures::ROVER);
 //! let mut banks = rover.banks();
 //! let mut nets = nets::<16>();
 //! let (_executor, registry) = assemble(&mut banks, &mut nets).expect("the rover's names are unique");
@@ -43,36 +43,53 @@ use crate::tasks::{
 #[cfg(feature = "all-tasks")]
 use crate::tasks::{Count, DriveDistance, FollowLine, LineMonitor, SlotMonitor};
 
-/// Radius of the wheels, in metres, as they roll: a caliper says 0.033, but a way of ten metres by
-/// the tape is 2 % less than the encoders say with that, for a wheel slips a little on any floor.
-/// The book's chapter on a robot of one's own says how this and [`CHASSIS`] are measured.
-pub const WHEEL_RADIUS_M: f32 = 0.0323;
+/// What a robot with the rover's parts measures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measures<const N: usize = SONARS> {
+    /// Wheels and motors.
+    pub chassis: Chassis,
+    /// Battery volts that read as the ADC's full scale.
+    pub battery_full_scale_v: f32,
+    /// ADC counts over bare floor.
+    pub floor_counts: u16,
+    /// ADC counts over a dark line.
+    pub line_counts: u16,
+    /// Where each sonar looks.
+    pub sonars: [Bearing; N],
+}
 
-/// Encoder counts in one turn of a wheel.
-pub const COUNTS_PER_REVOLUTION: f32 = 1_440.0;
+impl Measures {
+    /// Radius of the rover's wheels, in metres, as they roll: a caliper says 0.033, but a way of ten
+    /// metres by the tape is 2 % less than the encoders say with that, for a wheel slips a little on
+    /// any floor. The book's chapter on a robot of one's own says how this and the distance between
+    /// the wheels are measured.
+    pub const WHEEL_RADIUS_M: f32 = 0.0323;
 
-/// Battery volts that read as the ADC's full scale: a reference of 3.3 V behind a divider by three.
-pub const BATTERY_FULL_SCALE_V: f32 = 9.9;
+    /// Encoder counts in one turn of the rover's wheels.
+    pub const COUNTS_PER_REVOLUTION: f32 = 1_440.0;
 
-/// ADC counts over bare floor and over a dark line.
-pub const FLOOR_COUNTS: u16 = 500;
-/// See [`FLOOR_COUNTS`].
-pub const LINE_COUNTS: u16 = 3_300;
-
-/// The rover's measures. The distance between the wheels is what makes ten turns on the spot ten
-/// turns by the encoders.
-pub const CHASSIS: Chassis = Chassis {
-    wheel_base_m: 0.2015,
-    metres_per_count: TAU * WHEEL_RADIUS_M / COUNTS_PER_REVOLUTION,
-    full_speed_m_per_s: 0.68,
-    friction_power: 0.05,
-};
+    /// Those of the rover that the simulated halls have. The distance between the wheels is what
+    /// makes ten turns on the spot ten turns by the encoders. The battery is behind a divider by
+    /// three, before a reference of 3.3 V.
+    pub const ROVER: Self = Self {
+        chassis: Chassis {
+            wheel_base_m: 0.2015,
+            metres_per_count: TAU * Self::WHEEL_RADIUS_M / Self::COUNTS_PER_REVOLUTION,
+            full_speed_m_per_s: 0.68,
+            friction_power: 0.05,
+        },
+        battery_full_scale_v: 9.9,
+        floor_counts: 500,
+        line_counts: 3_300,
+        sonars: Bearing::ALL,
+    };
+}
 
 /// The HAL objects that the rover's drivers are built on: motors (PWM, direction; high is
-/// backwards), encoders, sonars (trigger, echo timer; counter-clockwise from the one that looks
-/// ahead), battery input, line sensors (left, middle, right).
+/// backwards), encoders, sonars (trigger, echo timer; in the order of [`Measures::sonars`]), battery
+/// input, line sensors (left, middle, right).
 #[derive(Debug)]
-pub struct RoverParts<LP, LD, RP, RD, LE, RE, T, E, A> {
+pub struct RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize = SONARS> {
     /// PWM of the left motor.
     pub left_pwm: LP,
     /// Direction of the left motor.
@@ -86,9 +103,9 @@ pub struct RoverParts<LP, LD, RP, RD, LE, RE, T, E, A> {
     /// Encoder of the right wheel.
     pub right_encoder: RE,
     /// Triggers of the sonars.
-    pub sonar_triggers: [T; SONARS],
+    pub sonar_triggers: [T; N],
     /// Echo timers of the sonars.
-    pub echo_timers: [E; SONARS],
+    pub echo_timers: [E; N],
     /// The battery's analogue input.
     pub battery: A,
     /// The analogue inputs that measure how the floor reflects, from the left to the right.
@@ -119,6 +136,7 @@ pub type PinRover<'a> = Rover<
     TriggerPin<'a>,
     EchoCapture<'a>,
     AnalogChannel<'a>,
+    SONARS,
 >;
 
 /// The pins of a [`PinImage`](crate::body::PinImage) that the rover leaves to the user's own
@@ -162,9 +180,9 @@ impl<'a> From<Parts<'a>> for PinRoverParts<'a> {
 
 /// The rover's tasks that own hardware, for registries that have them beside others.
 #[derive(Debug)]
-pub struct HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A> {
+pub struct HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize = SONARS> {
     /// The sonars.
-    pub sonar_ring: SonarRing<T, E>,
+    pub sonar_ring: SonarRing<T, E, N>,
     /// The encoders.
     pub odometry: Odometry<LE, RE>,
     /// The motors.
@@ -175,7 +193,7 @@ pub struct HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A> {
     pub line_sensor: LineSensor<A>,
 }
 
-impl<LP, LD, RP, RD, LE, RE, T, E, A> RoverParts<LP, LD, RP, RD, LE, RE, T, E, A>
+impl<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize> RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, N>
 where
     LP: SetDutyCycle,
     LD: OutputPin,
@@ -187,18 +205,14 @@ where
     E: EchoTimer,
     A: AnalogIn,
 {
-    /// Drivers on the parts, and the tasks on the drivers.
-    pub fn into_tasks(self) -> HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A> {
-        self.into_tasks_with(CHASSIS)
-    }
-
-    /// The same for a robot with the rover's parts and other measures.
-    pub fn into_tasks_with(
+    /// Drivers on the parts, and the tasks on the drivers, of a robot with these measures.
+    pub fn into_tasks(
         self,
-        chassis: Chassis,
-    ) -> HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A> {
+        measures: &Measures<N>,
+    ) -> HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A, N> {
+        let chassis = measures.chassis;
         HardwareTasks {
-            sonar_ring: SonarRing::new(self.sonar_triggers, self.echo_timers, Bearing::ALL),
+            sonar_ring: SonarRing::new(self.sonar_triggers, self.echo_timers, measures.sonars),
             odometry: Odometry::new(
                 WheelEncoder::new(self.left_encoder),
                 WheelEncoder::new(self.right_encoder),
@@ -211,12 +225,12 @@ where
             ),
             battery_monitor: BatteryMonitor::new(BatteryGauge::new(
                 self.battery,
-                BATTERY_FULL_SCALE_V,
+                measures.battery_full_scale_v,
             )),
             line_sensor: LineSensor::new(LineArray::new(
                 self.line_sensors,
-                FLOOR_COUNTS,
-                LINE_COUNTS,
+                measures.floor_counts,
+                measures.line_counts,
             )),
         }
     }
@@ -226,9 +240,10 @@ registry! {
     /// The default robot's tasks, and how many task states of each a mission may have.
     pub struct Rover[
         LP: SetDutyCycle + Send, LD: OutputPin + Send, RP: SetDutyCycle + Send, RD: OutputPin + Send,
-        LE: EncoderCounter + Send, RE: EncoderCounter + Send, T: OutputPin + Send, E: EchoTimer + Send, A: AnalogIn + Send
-    ]<LP, LD, RP, RD, LE, RE, T, E, A> {
-        sonar_ring: SonarRing<T, E>[1],
+        LE: EncoderCounter + Send, RE: EncoderCounter + Send, T: OutputPin + Send, E: EchoTimer + Send, A: AnalogIn + Send,
+        const N: usize
+    ]<LP, LD, RP, RD, LE, RE, T, E, A, N> {
+        sonar_ring: SonarRing<T, E, N>[1],
         odometry: Odometry<LE, RE>[1],
         wheel_speed: WheelSpeed<LP, LD, RP, RD>[1],
         battery_monitor: BatteryMonitor<A>[1],
@@ -251,7 +266,7 @@ registry! {
     }
 }
 
-impl<LP, LD, RP, RD, LE, RE, T, E, A> Rover<LP, LD, RP, RD, LE, RE, T, E, A>
+impl<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize> Rover<LP, LD, RP, RD, LE, RE, T, E, A, N>
 where
     LP: SetDutyCycle + Send,
     LD: OutputPin + Send,
@@ -263,13 +278,16 @@ where
     E: EchoTimer + Send,
     A: AnalogIn + Send,
 {
-    /// The robot on these parts.
-    pub fn new(parts: RoverParts<LP, LD, RP, RD, LE, RE, T, E, A>) -> Self {
-        Self::from_tasks(parts.into_tasks())
+    /// The robot on these parts, with these measures.
+    pub fn new(
+        parts: RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, N>,
+        measures: &Measures<N>,
+    ) -> Self {
+        Self::from_tasks(parts.into_tasks(measures))
     }
 
     /// The robot with these tasks, and those that own no hardware.
-    pub fn from_tasks(hardware: HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A>) -> Self {
+    pub fn from_tasks(hardware: HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A, N>) -> Self {
         Self {
             sonar_ring: TaskPool::new([hardware.sonar_ring]),
             odometry: TaskPool::new([hardware.odometry]),
@@ -313,7 +331,7 @@ mod tests {
 
     fn declarations() -> Vec<String> {
         let pins = PinImage::new();
-        let mut rover = PinRover::new(RoverParts::from(pins.parts()));
+        let mut rover = PinRover::new(RoverParts::from(pins.parts()), &Measures::ROVER);
         let mut banks = rover.banks();
         let mut nets = nets::<4>();
         let (_, registry) = assemble(&mut banks, &mut nets).unwrap();

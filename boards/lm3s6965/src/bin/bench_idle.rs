@@ -22,7 +22,7 @@ use lm3s6965::slots::SlotBoard;
 use rt_firmware::body::{
     AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, StopPin, TriggerPin,
 };
-use rt_firmware::rover::RoverParts;
+use rt_firmware::rover::{Measures, RoverParts};
 use rt_firmware::tasks::{
     Back, BatteryMonitor, Cruise, Logger, Odometry, ProximityMonitor, SonarRing, Stop, Turn,
     WheelSpeed,
@@ -224,7 +224,7 @@ registry! {
 
 impl Idle {
     fn new(parts: Parts<'static>) -> Self {
-        let hardware = RoverParts::from(parts).into_tasks();
+        let hardware = RoverParts::from(parts).into_tasks(&Measures::ROVER);
         Self {
             sonar_ring: TaskPool::new([hardware.sonar_ring]),
             odometry: TaskPool::new([hardware.odometry]),

@@ -23,7 +23,7 @@ use lm3s6965::slots::SlotBoard;
 use rt_firmware::body::{
     AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, TriggerPin,
 };
-use rt_firmware::rover::RoverParts;
+use rt_firmware::rover::{Measures, RoverParts};
 use rt_firmware::tasks::{
     Back, BatteryMonitor, Cruise, FollowWall, Logger, Odometry, ProximityMonitor, RoundCorner,
     SlotMonitor, SonarRing, Stop, Turn, WheelSpeed,
@@ -151,7 +151,7 @@ registry! {
 
 impl Swap {
     fn new(parts: Parts<'static>) -> Self {
-        let hardware = RoverParts::from(parts).into_tasks();
+        let hardware = RoverParts::from(parts).into_tasks(&Measures::ROVER);
         Self {
             sonar_ring: TaskPool::new([hardware.sonar_ring]),
             odometry: TaskPool::new([hardware.odometry]),

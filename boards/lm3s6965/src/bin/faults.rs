@@ -15,7 +15,7 @@ use lm3s6965::cortex_m;
 use rt_firmware::body::{
     AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, TriggerPin,
 };
-use rt_firmware::rover::RoverParts;
+use rt_firmware::rover::{Measures, RoverParts};
 use rt_firmware::tasks::{BatteryMonitor, Cruise, Odometry, SonarRing, Stop, Turn, WheelSpeed};
 use rt_firmware::{Io, Step, Task, TaskPool, registry, task};
 
@@ -213,7 +213,7 @@ registry! {
 
 impl Faults {
     fn new(parts: Parts<'static>) -> Self {
-        let hardware = RoverParts::from(parts).into_tasks();
+        let hardware = RoverParts::from(parts).into_tasks(&Measures::ROVER);
         Self {
             sonar_ring: TaskPool::new([hardware.sonar_ring]),
             odometry: TaskPool::new([hardware.odometry]),

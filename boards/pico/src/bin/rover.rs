@@ -4,15 +4,11 @@
 #![no_main]
 
 use pico::pins::BoardRover;
-use pico::settings;
-use rt_firmware::rover::{CHASSIS, COUNTS_PER_REVOLUTION};
+use rt_firmware::rover::Measures;
 
-// What `board.toml` tells others of the body is what the robot drives with.
-const _: () = assert!(settings::WHEEL_BASE_M == CHASSIS.wheel_base_m);
-const _: () = assert!(settings::COUNTS_PER_REVOLUTION == COUNTS_PER_REVOLUTION);
 
 pico::app! {
     firmware: concat!("rover ", env!("CARGO_PKG_VERSION")),
-    robot: BoardRover = BoardRover::new,
+    robot: BoardRover = |parts| BoardRover::new(parts, &Measures::ROVER),
     default_mission: include_bytes!("../../../stand_by.blob"),
 }

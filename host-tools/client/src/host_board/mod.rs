@@ -21,7 +21,7 @@ use std::time::Duration;
 use esm_link::message::{Capacities, Mode};
 use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::body::{Parts, PinImage};
-use rt_firmware::rover::PinRover;
+use rt_firmware::rover::{Measures, PinRover};
 use rt_firmware::store::flash_store::{self, FlashStore};
 use rt_firmware::{About, AnyTaskPool, Limits, Mailbox, Memory, RegistryFault, RetainedRam, split};
 use thiserror::Error;
@@ -70,7 +70,7 @@ pub type RobotMaker = fn(Parts<'_>, &mut dyn FnMut(&mut [&mut (dyn AnyTaskPool +
 
 /// The robot that ships.
 pub fn rover(parts: Parts<'_>, run: &mut dyn FnMut(&mut [&mut (dyn AnyTaskPool + '_)])) {
-    run(&mut PinRover::new(parts.into()).banks());
+    run(&mut PinRover::new(parts.into(), &Measures::ROVER).banks());
 }
 
 /// Why there is no host board.
