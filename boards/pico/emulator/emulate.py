@@ -2,6 +2,9 @@
 
     emulate.py FIRMWARE.elf
 
+What is at which pin, the robot's file says: FIRMWARE.toml, where it is there, or else that of the
+shipped rover, robot.toml. The body is always the rover's.
+
 The firmware runs in rp2040py, which executes its instructions, its PIO programs and its flash
 commands. Named pipes in the working directory lead to the body (plant-request, plant-reply), to
 what its sonars answer (pulse-request, pulse-reply), to the cells of the flash (flash-request,
@@ -17,6 +20,12 @@ Nothing here asks the clock on the wall, so that equal inputs give equal runs.
 
 import struct
 import sys
+from pathlib import Path
+
+try:
+    import tomllib
+except ImportError:
+    import tomli as tomllib
 
 from elftools.elf.elffile import ELFFile
 from rp2040py.device.bootrom import BOOTROM_B1
@@ -33,15 +42,11 @@ SECTOR_BYTES = 4096
 BLOCK_BYTES = 32
 CLOCK_MHZ = 125
 
-# The pins: src/pins.rs. Of a motor, forwards and backwards; of an encoder, A and B.
-MOTORS = [(2, 3), (4, 5)]
-ENCODERS = [(6, 7), (8, 9)]
-TRIGGERS = list(range(10, 18))
-ECHOES = [18, 18, 19, 19, 20, 20, 21, 21]
-STOP_BUTTON = 22
 LED = 25
-# Channel of the converter, by the place of its counts in an answer of the body.
-ANALOG = {0: 0, 4: 1, 6: 2}
+# The shipped rover's file.
+ROVER = Path(__file__).resolve().parent.parent / "robot.toml"
+# The pin of the converter's first channel.
+FIRST_ANALOG = 26
 
 FULL_DUTY = 1000
 # How often body and chip exchange what pins show, in microseconds of the body's time.
@@ -55,6 +60,41 @@ REQUEST = struct.Struct("<IQQhhBB")
 REPLY = struct.Struct("<IHH8HB7HB")
 PULSES = struct.Struct("<16H")
 FLASH_REQUEST = struct.Struct("<BII")
+
+
+class Wiring:
+    """What is at which pin, as a robot's file says it."""
+
+    def __init__(self, file):
+        with open(file, "rb") as text:
+            robot = tomllib.load(text)
+        wheels = [robot["left"], robot["right"]]
+        self.motors = [wheel["motor"] for wheel in wheels]
+        self.encoders = [(wheel["encoder"]["a"], wheel["encoder"]["b"]) for wheel in wheels]
+        sonars = robot["sonars"]
+        self.triggers = [sonar["trigger"] for sonar in sonars]
+        self.echoes = [sonar["echo"] for sonar in sonars]
+        # The body has a sonar each 45 degrees, counter-clockwise from straight ahead.
+        self.places = [sonar["looks_deg"] % 360 // 45 for sonar in sonars]
+        self.button = robot["stop_button"]["pin"]
+        self.pressed = robot["stop_button"]["pressed"] == "high"
+        # Pins of the converter, by the place of their counts in an answer of the body.
+        floor = robot.get("floor", {})
+        pins = {
+            0: robot["battery"]["pin"],
+            4: floor.get("left"),
+            5: floor.get("middle"),
+            6: floor.get("right"),
+        }
+        self.analog = {
+            place: pin - FIRST_ANALOG for place, pin in pins.items() if pin is not None
+        }
+
+    @staticmethod
+    def of(firmware):
+        """That of the robot whose firmware this is."""
+        own = Path(firmware).with_suffix(".toml")
+        return Wiring(own if own.is_file() else ROVER)
 
 
 class Pipes:
@@ -147,14 +187,22 @@ def lazy_pios(chip):
 
 
 class Motor:
-    """What a bridge makes of its two inputs."""
+    """What a bridge makes of its inputs: one for each way, or one for power and one for the way."""
 
-    def __init__(self, chip, pins):
+    def __init__(self, chip, motor):
+        self.backwards_is = motor.get("backwards_is")
+        if self.backwards_is is None:
+            pins = [motor["forwards"], motor["backwards"]]
+        else:
+            pins = [motor["pwm"], motor["direction"]]
         self.inputs = [PwmInput(chip, pin) for pin in pins]
 
     def duty(self):
-        forwards, backwards = (pwm.share() for pwm in self.inputs)
-        return round(FULL_DUTY * (forwards - backwards))
+        first, second = (pwm.share() for pwm in self.inputs)
+        if self.backwards_is is None:
+            return round(FULL_DUTY * (first - second))
+        backwards = (second > 0.5) == (self.backwards_is == "high")
+        return round(FULL_DUTY * (-first if backwards else first))
 
 
 class PwmInput:
@@ -192,8 +240,9 @@ class PwmInput:
 class Body:
     """The robot behind the pins."""
 
-    def __init__(self, chip):
+    def __init__(self, chip, wiring):
         self.chip = chip
+        self.wiring = wiring
         self.clock = chip.clock
         self.plant = Pipes("plant")
         self.pulses = Pipes("pulse")
@@ -201,17 +250,17 @@ class Body:
         self.began = None
         self.counts = [0, 0]
         self.steps = [0, 0]
-        self.motors = [Motor(chip, pins) for pins in MOTORS]
+        self.motors = [Motor(chip, pins) for pins in wiring.motors]
         self.pios = lazy_pios(chip)
-        for sonar, pin in enumerate(TRIGGERS):
+        for sonar, pin in enumerate(wiring.triggers):
             chip.gpio[pin].add_listener(self.trigger_of(sonar))
         chip.gpio[LED].add_listener(self.led)
         self.tick = self.clock.create_alarm(self.exchange_in_time)
-        for pin in (*sum(ENCODERS, ()), *ECHOES):
+        for pin in (*sum(wiring.encoders, ()), *wiring.echoes):
             chip.gpio[pin].set_input_value(False)
-        chip.gpio[STOP_BUTTON].set_input_value(True)
+        chip.gpio[wiring.button].set_input_value(not wiring.pressed)
         # A battery that is full, until the body tells.
-        chip.adc.channel_values[ANALOG[0]] = 3300
+        chip.adc.channel_values[wiring.analog[0]] = 3300
 
     def led(self, state, _before):
         if state == GPIOPinState.HIGH and self.began is None:
@@ -242,9 +291,10 @@ class Body:
         self.sequence = (self.sequence + 1) % (1 << 32)
         left, right = reply[1:3]
         analog, low = reply[12:19], reply[19]
-        for place, channel in ANALOG.items():
+        for place, channel in self.wiring.analog.items():
             self.chip.adc.channel_values[channel] = analog[place]
-        self.chip.gpio[STOP_BUTTON].set_input_value(not low & 1)
+        pressed = bool(low & 1)
+        self.chip.gpio[self.wiring.button].set_input_value(pressed == self.wiring.pressed)
         if triggers == 0:
             for encoder, count in enumerate((left, right)):
                 self.turn(encoder, count)
@@ -265,7 +315,7 @@ class Body:
             self.steps[encoder] += step
             # Forwards, A is ahead of B: 00, 01, 11, 10, with A as the lower bit.
             a, b = [(0, 0), (1, 0), (1, 1), (0, 1)][self.steps[encoder] % 4]
-            for pin, level in zip(ENCODERS[encoder], (a, b)):
+            for pin, level in zip(self.wiring.encoders[encoder], (a, b)):
                 if self.chip.gpio[pin].input_value != bool(level):
                     self.drive(pin, bool(level))
 
@@ -276,11 +326,12 @@ class Body:
             # A sonar begins at the end of its trigger.
             if state != GPIOPinState.LOW or before != GPIOPinState.HIGH or self.began is None:
                 return
-            self.exchange(1 << sonar)
+            place = self.wiring.places[sonar]
+            self.exchange(1 << place)
             numbers = PULSES.unpack(self.pulses.ask(b"\0", PULSES.size))
-            rises_us, width_us = numbers[2 * sonar : 2 * sonar + 2]
+            rises_us, width_us = numbers[2 * place : 2 * place + 2]
             if width_us:
-                pin = ECHOES[sonar]
+                pin = self.wiring.echoes[sonar]
                 self.later(rises_us * 1000, lambda: self.drive(pin, True))
                 self.later((rises_us + width_us) * 1000, lambda: self.drive(pin, False))
 
@@ -393,7 +444,7 @@ def main(firmware):
     chip.logger = ConsoleLogger(LogLevel.ERROR, False)
     load(chip, firmware)
     Store(chip)
-    Body(chip)
+    Body(chip, Wiring.of(firmware))
     Line(chip)
 
     def reset():

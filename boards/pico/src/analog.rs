@@ -1,14 +1,17 @@
 //! Analogue inputs. A conversion takes 2 µs, and is made when somebody asks.
 
+use rp2040_hal::gpio::{FunctionNull, PullNone};
 use rp2040_hal::pac::{ADC, RESETS, adc};
 use rt_firmware::drivers::AnalogIn;
+
+use crate::pins::{FreePins, take};
 
 /// Counts at the reference voltage (12 bits).
 pub const FULL_SCALE: u16 = 4_095;
 
 /// An analogue input.
 pub struct Input {
-    /// 0 is GP26, 1 is GP27, 2 is GP28; none where nothing is connected.
+    /// 0 is GP26, 1 is GP27, 2 is GP28; none where nothing is connected, which reads as 0.
     channel: Option<u8>,
 }
 
@@ -19,8 +22,17 @@ pub(crate) fn start(adc: ADC, resets: &mut RESETS) {
 }
 
 impl Input {
-    /// The input of this channel.
-    pub(crate) const fn new(channel: Option<u8>) -> Self {
+    /// The input at this pin.
+    ///
+    /// # Panics
+    /// If another part has it.
+    pub(crate) fn new(pin: Option<u8>, pins: &mut FreePins) -> Self {
+        /// Where the first channel is.
+        const FIRST_PIN: u8 = 26;
+        if let Some(pin) = pin {
+            let _pin = take!(pins, pin, FunctionNull, PullNone);
+        }
+        let channel = pin.and_then(|pin| pin.checked_sub(FIRST_PIN));
         Self { channel }
     }
 

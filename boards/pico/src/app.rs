@@ -3,7 +3,7 @@
 
 /// Makes the firmware of a robot: `main`, the interrupt handlers, and the memory of all of it.
 ///
-/// `robot` is the registry's type, with the function that builds it from the rover's parts on this
+/// `wiring` is a constant: which pin is what, as the robot's file says it. `robot` is the registry's type, with the function that builds it from the rover's parts on this
 /// board; `firmware` is the name and version that the robot tells of itself, in at most 40 bytes.
 ///
 /// `default_mission` are the bytes of a mission that `esm build` has made: what the robot does if
@@ -12,6 +12,7 @@
 macro_rules! app {
     (
         firmware: $firmware:expr,
+        wiring: $wiring:expr,
         robot: $robot:ty = $make:expr
         $(, default_mission: $default_mission:expr)? $(,)?
     ) => {
@@ -66,10 +67,10 @@ macro_rules! app {
                 keep: StoreMemory = StoreMemory::new(),
             ])]
             fn init(cx: init::Context) -> (Shared, Local) {
-                let start = $crate::start(cx.local.vectors);
+                let start = $crate::start(cx.local.vectors, &$wiring);
                 let parts = start.parts;
                 let robot = $crate::put(cx.local.robot, || {
-                    let make: fn(BoardRoverParts) -> $robot = $make;
+                    let make: fn(BoardRoverParts<{ $wiring.sonars.len() }>) -> $robot = $make;
                     make(parts.rover)
                 });
                 let banks = cx.local.banks.write(robot.banks());

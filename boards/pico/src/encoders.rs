@@ -7,12 +7,16 @@
 
 use pio::pio_asm;
 use pio::{Program, RP2040_MAX_PROGRAM_SIZE};
-use rp2040_hal::pac::PIO0;
+use rp2040_hal::gpio::{FunctionPio0, PullUp};
+use rp2040_hal::pac::{PIO0, RESETS};
 use rp2040_hal::pio::{
-    Buffers, InstalledProgram, PIOBuilder, Rx, ShiftDirection, StateMachineIndex,
+    Buffers, InstalledProgram, PIOBuilder, PIOExt, Rx, SM0, SM1, ShiftDirection, StateMachineIndex,
     UninitStateMachine,
 };
 use rt_firmware::drivers::EncoderCounter;
+
+use crate::pins::{FreePins, PIO_DIVISOR, take};
+use crate::wiring::Wheel;
 
 /// Instructions that a state machine executes from one look at its pins to the next, at most.
 pub const LONGEST_ROUND: u32 = 11;
@@ -27,7 +31,7 @@ const LOOKS: u32 = 1_000;
 /// The program. It must lie at address 0, where its first sixteen instructions are a table: what
 /// to do when the pins were `old` and are `new`, by `old << 2 | new`. Forwards is when A is ahead
 /// of B.
-pub(crate) fn program() -> Program<RP2040_MAX_PROGRAM_SIZE> {
+fn program() -> Program<RP2040_MAX_PROGRAM_SIZE> {
     pio_asm!(
         ".origin 0",
         // Pins are read as B, A: A is the lower bit.
@@ -74,26 +78,57 @@ pub(crate) fn program() -> Program<RP2040_MAX_PROGRAM_SIZE> {
 pub struct Counter<SM: StateMachineIndex> {
     counts: Rx<(PIO0, SM)>,
     last: u32,
+    is_reversed: bool,
+}
+
+/// The encoders of the left wheel and the right one.
+///
+/// # Panics
+/// If a pin is taken.
+pub(crate) fn start(
+    wheels: [&Wheel; 2],
+    pins: &mut FreePins,
+    pio: PIO0,
+    resets: &mut RESETS,
+) -> (Counter<SM0>, Counter<SM1>) {
+    for wheel in wheels {
+        // Outputs of an encoder are often open collectors.
+        for pin in [wheel.encoder, wheel.encoder + 1] {
+            let _pin = take!(pins, pin, FunctionPio0, PullUp);
+        }
+    }
+    let (mut pio, left, right, ..) = pio.split(resets);
+    let Ok(program) = pio.install(&program()) else {
+        panic!("the program that counts encoders fits");
+    };
+    // SAFETY: a program may be shared by state machines as long as nobody takes it away.
+    let shared = unsafe { program.share() };
+    (
+        Counter::new(program, left, wheels[0]),
+        Counter::new(shared, right, wheels[1]),
+    )
 }
 
 impl<SM: StateMachineIndex> Counter<SM> {
-    /// Counts the encoder whose outputs A and B are at this pin and the next.
-    pub(crate) fn new(
+    fn new(
         program: InstalledProgram<PIO0>,
         machine: UninitStateMachine<(PIO0, SM)>,
-        first_pin: u8,
-        divisor: (u16, u8),
+        wheel: &Wheel,
     ) -> Self {
         let (mut machine, counts, _) = PIOBuilder::from_installed_program(program)
-            .in_pin_base(first_pin)
+            .in_pin_base(wheel.encoder)
             .in_shift_direction(ShiftDirection::Left)
             .buffers(Buffers::OnlyRx)
-            .clock_divisor_fixed_point(divisor.0, divisor.1)
+            .clock_divisor_fixed_point(PIO_DIVISOR.0, PIO_DIVISOR.1)
             .build(machine);
         // The first look begins at 0, and with whatever the pins show.
         machine.exec_instruction(set_x_to_zero());
         machine.start();
-        Self { counts, last: 0 }
+        Self {
+            counts,
+            last: 0,
+            is_reversed: wheel.encoder_reversed,
+        }
     }
 }
 
@@ -123,6 +158,10 @@ impl<SM: StateMachineIndex> EncoderCounter for Counter<SM> {
                 break;
             }
         }
-        self.last as u16
+        let count = self.last as u16;
+        match self.is_reversed {
+            true => count.wrapping_neg(),
+            false => count,
+        }
     }
 }

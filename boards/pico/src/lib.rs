@@ -10,6 +10,7 @@
 //!
 //! pico::app! {
 //!     firmware: "my robot 1.0",
+//!     wiring: WIRING,
 //!     robot: MyRobot = MyRobot::new,
 //!     default_mission: include_bytes!("../stand_by.blob"),
 //! }
@@ -52,6 +53,7 @@ pub mod slots;
 pub mod sonars;
 pub mod uart;
 pub mod watchdog;
+pub mod wiring;
 
 mod app;
 
@@ -65,6 +67,7 @@ use rp2040_hal::vector_table::VectorTable;
 
 pub use pins::Parts;
 use slots::SlotBoard;
+use wiring::Wiring;
 
 #[doc(hidden)]
 pub use cortex_m_board::put;
@@ -94,21 +97,24 @@ const CRYSTAL_HZ: u32 = 12_000_000;
 defmt::timestamp!("{=u64:us}", clock::now_us());
 
 /// What the first code of the firmware finds out and makes.
-pub struct Start {
+pub struct Start<const SONARS: usize> {
     /// Why the firmware starts.
     pub reset: ResetReason,
     /// The board for the slot timer's handler.
     pub board: SlotBoard,
     /// The robot's pins.
-    pub parts: Parts,
+    pub parts: Parts<SONARS>,
 }
 
 /// Brings up stack paint, clocks, serial line and pins. To be called once, first of all, with
 /// interrupts off.
 ///
 /// # Panics
-/// If it is called again, or the crystal does not swing.
-pub fn start(vectors: &'static mut VectorTable) -> Start {
+/// If it is called again, the crystal does not swing, or two parts have one pin.
+pub fn start<const SONARS: usize>(
+    vectors: &'static mut VectorTable,
+    wiring: &Wiring<SONARS>,
+) -> Start<SONARS> {
     stack::paint();
     #[cfg(feature = "log")]
     cortex_m_board::log::start(rp2040_hal::pac::Interrupt::TIMER_IRQ_0);
@@ -148,7 +154,7 @@ pub fn start(vectors: &'static mut VectorTable) -> Start {
         adc: chip.ADC,
         uart0: chip.UART0,
     }
-    .into_parts(pins, peripheral_hz(&clocks), &mut chip.RESETS);
+    .into_parts(wiring, pins, peripheral_hz(&clocks), &mut chip.RESETS);
     crash::log_reset(reset);
     Start {
         reset,

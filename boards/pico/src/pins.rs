@@ -1,89 +1,112 @@
-//! Which pin is what. This is the table that the wiring follows.
-//!
-//! | pin | part |
-//! |---|---|
-//! | GP0, GP1 | UART 0: TX, RX |
-//! | GP2, GP3 | left motor's bridge: forwards, backwards |
-//! | GP4, GP5 | right motor's bridge: forwards, backwards |
-//! | GP6, GP7 | left encoder: A, B |
-//! | GP8, GP9 | right encoder: A, B |
-//! | GP10 to GP17 | sonars 0 to 7: trigger |
-//! | GP18 | sonars 0 and 1: echo |
-//! | GP19 | sonars 2 and 3: echo |
-//! | GP20 | sonars 4 and 5: echo |
-//! | GP21 | sonars 6 and 7: echo |
-//! | GP22 | button of the emergency stop, to ground |
-//! | GP25 | the board's LED: lit while a mission runs |
-//! | GP26 | battery, behind a divider by three |
-//! | GP27, GP28 | line sensors: left, right |
-//!
-//! Sonar 0 looks ahead, the others follow counter-clockwise, 45° apart. An HC-SR04 on 5 V answers
-//! with 5 V: a divider (1 kΩ, 2 kΩ) makes 3.3 V of it, which is all that a pin bears.
+//! Gives each pin its part, as a robot's [`Wiring`] says. The board's own are GP0 and GP1 (UART 0:
+//! TX, RX) and GP25 (its LED, which is lit while a mission runs).
 
+use core::convert::Infallible;
+
+use embedded_hal::digital::{self, InputPin};
 use rp2040_hal::gpio::{
-    self, FunctionPio0, FunctionPio1, FunctionUart, PullDown, PullNone, PullUp,
+    self, DynPinId, FunctionNull, FunctionSioInput, FunctionSioOutput, FunctionUart, Pin, PullDown,
+    PullNone, PullUp,
 };
 use rp2040_hal::pac::{ADC, PIO0, PIO1, PWM, RESETS, UART0};
-use rp2040_hal::pio::{PIOExt, SM0, SM1};
-use rp2040_hal::pwm::Slices;
-use rt_firmware::body::SONARS;
+use rp2040_hal::pio::{SM0, SM1};
 use rt_firmware::rover::{Rover, RoverParts};
 
 use crate::analog::{self, Input};
 use crate::encoders::{self, Counter};
-use crate::motors::{self, Direction, LeftPower, RightPower};
-use crate::sonars::{self, Echo, EchoMachine, Trigger};
+use crate::motors::{self, Direction, Power};
+use crate::sonars::{self, Echo, Trigger};
 use crate::uart::Uart0;
+use crate::wiring::{Button, Wiring};
 
-/// Instructions that state machines execute in a second.
-const PIO_HZ: u32 = 2_000_000;
-/// What the system clock of 125 MHz is divided by for it: whole, and 256ths.
-const PIO_DIVISOR: (u16, u8) = {
+/// What the system clock of 125 MHz is divided by for the PIO blocks, whole, and 256ths: a state
+/// machine executes two instructions a microsecond.
+pub(crate) const PIO_DIVISOR: (u16, u8) = {
+    const PIO_HZ: u32 = 2_000_000;
     let in_256ths = 125_000_000 / (PIO_HZ / 256);
     ((in_256ths / 256) as u16, (in_256ths % 256) as u8)
 };
 
 /// The rover's parts on this board.
-pub type BoardRoverParts = RoverParts<
-    LeftPower,
+pub type BoardRoverParts<const SONARS: usize> = RoverParts<
+    Power,
     Direction,
-    RightPower,
+    Power,
     Direction,
     Counter<SM0>,
     Counter<SM1>,
     Trigger,
     Echo,
     Input,
+    SONARS,
 >;
 
 /// The rover on this board.
-pub type BoardRover = Rover<
-    LeftPower,
+pub type BoardRover<const SONARS: usize> = Rover<
+    Power,
     Direction,
-    RightPower,
+    Power,
     Direction,
     Counter<SM0>,
     Counter<SM1>,
     Trigger,
     Echo,
     Input,
+    SONARS,
 >;
 
-/// The input of the emergency stop's button: low while it is pressed.
-pub type StopPin = gpio::Pin<gpio::bank0::Gpio22, gpio::FunctionSioInput, PullUp>;
+/// The input of the emergency stop's button: low while it is pressed. One that is not connected is
+/// pulled to where it is not pressed.
+pub enum StopPin {
+    /// To ground.
+    PulledUp(Pin<DynPinId, FunctionSioInput, PullUp>),
+    /// To the supply of 3.3 V.
+    PulledDown(Pin<DynPinId, FunctionSioInput, PullDown>),
+}
 
 /// The board's LED.
-pub type Led = gpio::Pin<gpio::bank0::Gpio25, gpio::FunctionSioOutput, PullNone>;
+pub type Led = Pin<gpio::bank0::Gpio25, FunctionSioOutput, PullNone>;
 
 /// What is connected to the board's pins.
-pub struct Parts {
+pub struct Parts<const SONARS: usize> {
     /// Of the rover.
-    pub rover: BoardRoverParts,
+    pub rover: BoardRoverParts<SONARS>,
     /// The button of the emergency stop.
     pub stop_button: StopPin,
     /// The serial line.
     pub uart: Uart0,
 }
+
+/// Pins that have no part yet.
+pub(crate) struct FreePins([Option<FreePin>; 30]);
+
+/// A pin that has no part yet.
+type FreePin = Pin<DynPinId, FunctionNull, PullDown>;
+
+impl FreePins {
+    /// Gives a pin to a part: see [`take!`].
+    pub(crate) fn take(&mut self, pin: u8) -> FreePin {
+        let free = self.0.get_mut(usize::from(pin)).and_then(Option::take);
+        let Some(free) = free else {
+            panic!("GP{pin} has another part, or is none of a robot's");
+        };
+        free
+    }
+}
+
+/// Gives a pin to a part, with this function and pull.
+///
+/// # Panics
+/// If another part has it: where a robot's file was checked, none has.
+macro_rules! take {
+    ($pins:expr, $pin:expr, $function:ty, $pull:ty) => {{
+        let Ok(pin) = $pins.take($pin).try_into_function::<$function>() else {
+            panic!("every pin of a robot's can be that");
+        };
+        pin.into_pull_type::<$pull>()
+    }};
+}
+pub(crate) use take;
 
 /// The chip's blocks that pins belong to.
 pub(crate) struct Blocks {
@@ -96,97 +119,84 @@ pub(crate) struct Blocks {
 
 impl Blocks {
     /// Gives each pin its part.
-    pub(crate) fn into_parts(
+    ///
+    /// # Panics
+    /// If two parts have one pin, or one that the chip has not.
+    pub(crate) fn into_parts<const SONARS: usize>(
         self,
+        wiring: &Wiring<SONARS>,
         pins: gpio::Pins,
         peripheral_hz: u32,
         resets: &mut RESETS,
-    ) -> (Parts, Led) {
+    ) -> (Parts<SONARS>, Led) {
         let _serial = (
             pins.gpio0.into_function::<FunctionUart>(),
             pins.gpio1.into_function::<FunctionUart>(),
         );
-        let slices = Slices::new(self.pwm, resets);
-        let (mut left, mut right) = (slices.pwm1, slices.pwm2);
-        left.channel_a.output_to(pins.gpio2);
-        left.channel_b.output_to(pins.gpio3);
-        right.channel_a.output_to(pins.gpio4);
-        right.channel_b.output_to(pins.gpio5);
-        let (left_pwm, left_direction) = motors::left(left);
-        let (right_pwm, right_direction) = motors::right(right);
-
-        let (mut pio0, counter_0, counter_1, ..) = self.pio0.split(resets);
-        let Ok(count) = pio0.install(&encoders::program()) else {
-            panic!("the program that counts encoders fits");
-        };
-        // SAFETY: a program may be shared by state machines as long as nobody takes it away.
-        let shared = unsafe { count.share() };
-        // Outputs of an encoder are often open collectors.
-        let _encoders = (
-            pins.gpio6.reconfigure::<FunctionPio0, PullUp>(),
-            pins.gpio7.reconfigure::<FunctionPio0, PullUp>(),
-            pins.gpio8.reconfigure::<FunctionPio0, PullUp>(),
-            pins.gpio9.reconfigure::<FunctionPio0, PullUp>(),
+        let led = pins.gpio25.reconfigure();
+        macro_rules! free {
+            ($($number:literal: $pin:ident),* $(,)?) => {{
+                let mut free = FreePins([const { None }; 30]);
+                $(free.0[$number] = Some(pins.$pin.into_dyn_pin());)*
+                free
+            }};
+        }
+        let mut free = free!(
+            2: gpio2, 3: gpio3, 4: gpio4, 5: gpio5, 6: gpio6, 7: gpio7, 8: gpio8, 9: gpio9,
+            10: gpio10, 11: gpio11, 12: gpio12, 13: gpio13, 14: gpio14, 15: gpio15, 16: gpio16,
+            17: gpio17, 18: gpio18, 19: gpio19, 20: gpio20, 21: gpio21, 22: gpio22, 26: gpio26,
+            27: gpio27, 28: gpio28,
         );
-
-        let (mut pio1, echo_0, echo_1, echo_2, echo_3) = self.pio1.split(resets);
-        let Ok(time) = pio1.install(&sonars::program()) else {
-            panic!("the program that times echoes fits");
-        };
-        // SAFETY: as above.
-        let another = || unsafe { time.share() };
-        let _triggers = (
-            pins.gpio10.reconfigure::<FunctionPio1, PullNone>(),
-            pins.gpio11.reconfigure::<FunctionPio1, PullNone>(),
-            pins.gpio12.reconfigure::<FunctionPio1, PullNone>(),
-            pins.gpio13.reconfigure::<FunctionPio1, PullNone>(),
-            pins.gpio14.reconfigure::<FunctionPio1, PullNone>(),
-            pins.gpio15.reconfigure::<FunctionPio1, PullNone>(),
-            pins.gpio16.reconfigure::<FunctionPio1, PullNone>(),
-            pins.gpio17.reconfigure::<FunctionPio1, PullNone>(),
-        );
-        // Diodes leave a pin that no sonar drives to its resistor.
-        let _echoes = (
-            pins.gpio18.reconfigure::<FunctionPio1, PullDown>(),
-            pins.gpio19.reconfigure::<FunctionPio1, PullDown>(),
-            pins.gpio20.reconfigure::<FunctionPio1, PullDown>(),
-            pins.gpio21.reconfigure::<FunctionPio1, PullDown>(),
-        );
-        let machines = [
-            EchoMachine::new(another(), echo_0, [10, 11], 18, PIO_DIVISOR),
-            EchoMachine::new(another(), echo_1, [12, 13], 19, PIO_DIVISOR),
-            EchoMachine::new(another(), echo_2, [14, 15], 20, PIO_DIVISOR),
-            EchoMachine::new(another(), echo_3, [16, 17], 21, PIO_DIVISOR),
-        ];
-        let sonar = |sonar: usize| {
-            const FIRST_TRIGGER: u8 = 10;
-            machines[sonar / 2].sonar(FIRST_TRIGGER + sonar as u8)
-        };
-        let sonar_triggers: [Trigger; SONARS] = core::array::from_fn(|place| sonar(place).0);
-        let echo_timers: [Echo; SONARS] = core::array::from_fn(|place| sonar(place).1);
-
+        let Wiring { left, right, .. } = wiring;
+        let [(left_pwm, left_direction), (right_pwm, right_direction)] =
+            motors::start([left.motor, right.motor], &mut free, self.pwm, resets);
+        let (left_encoder, right_encoder) =
+            encoders::start([left, right], &mut free, self.pio0, resets);
+        let (sonar_triggers, echo_timers) =
+            sonars::start(&wiring.sonars, &mut free, self.pio1, resets);
         analog::start(self.adc, resets);
-        let _analog = (
-            pins.gpio26.into_floating_disabled(),
-            pins.gpio27.into_floating_disabled(),
-            pins.gpio28.into_floating_disabled(),
-        );
         let parts = Parts {
             rover: RoverParts {
                 left_pwm,
                 left_direction,
                 right_pwm,
                 right_direction,
-                left_encoder: Counter::new(count, counter_0, 6, PIO_DIVISOR),
-                right_encoder: Counter::new(shared, counter_1, 8, PIO_DIVISOR),
+                left_encoder,
+                right_encoder,
                 sonar_triggers,
                 echo_timers,
-                battery: Input::new(Some(0)),
-                line_sensors: [Input::new(Some(1)), Input::new(None), Input::new(Some(2))],
+                battery: Input::new(Some(wiring.battery), &mut free),
+                line_sensors: wiring.floor.map(|pin| Input::new(pin, &mut free)),
             },
-            stop_button: pins.gpio22.reconfigure(),
+            stop_button: StopPin::new(wiring.stop_button, &mut free),
             uart: Uart0::new(self.uart0, peripheral_hz, resets),
         };
-        (parts, pins.gpio25.reconfigure())
+        (parts, led)
+    }
+}
+
+impl StopPin {
+    fn new(button: Button, pins: &mut FreePins) -> Self {
+        match button.is_pressed_high {
+            true => StopPin::PulledDown(take!(pins, button.pin, FunctionSioInput, PullDown)),
+            false => StopPin::PulledUp(take!(pins, button.pin, FunctionSioInput, PullUp)),
+        }
+    }
+}
+
+impl digital::ErrorType for StopPin {
+    type Error = Infallible;
+}
+
+impl InputPin for StopPin {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        match self {
+            StopPin::PulledUp(pin) => pin.is_high(),
+            StopPin::PulledDown(pin) => pin.is_low(),
+        }
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|is_high| !is_high)
     }
 }

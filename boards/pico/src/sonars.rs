@@ -1,9 +1,9 @@
 //! Sonars that answer a trigger with a pulse (HC-SR04 and its kind), timed by PIO: a state machine
 //! a sonar sends the trigger and measures its echo, to a microsecond, while nobody waits.
 //!
-//! A state machine executes two instructions a microsecond. There are four of them, and eight
-//! sonars: neighbours share one, since they hear each other and so never ping at once. Their echo
-//! outputs share its pin, too, each through a diode, or through an OR gate.
+//! A state machine executes two instructions a microsecond, and looks at one echo pin. There are
+//! four of them, and up to eight sonars: neighbours may share one, since they hear each other and so
+//! never ping at once. Their echo outputs share its pin, each through a diode, or through an OR gate.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
@@ -14,18 +14,22 @@ use pio::{
     InstructionOperands, JmpCondition, MovDestination, MovOperation, MovSource, Program,
     RP2040_MAX_PROGRAM_SIZE,
 };
-use rp2040_hal::pac::{PIO1, SIO, pio0};
+use rp2040_hal::gpio::{FunctionPio1, PullDown, PullNone};
+use rp2040_hal::pac::{PIO1, RESETS, SIO, pio0};
 use rp2040_hal::pio::{
-    InstalledProgram, PIOBuilder, PinDir, StateMachineIndex, UninitStateMachine,
+    InstalledProgram, PIOBuilder, PIOExt, PinDir, StateMachineIndex, UninitStateMachine,
 };
 use rt_firmware::drivers::{EchoPulse, EchoTimer};
+
+use crate::pins::{FreePins, PIO_DIVISOR, take};
+use crate::wiring::Sonar;
 
 /// State machines that time echoes.
 pub const MACHINES: usize = 4;
 
 /// The program: a word from the processor is a trigger. A data sheet asks for 10 µs of it at least
 /// (HC-SR04); it lasts 16 µs.
-pub(crate) fn program() -> Program<RP2040_MAX_PROGRAM_SIZE> {
+fn program() -> Program<RP2040_MAX_PROGRAM_SIZE> {
     pio_asm!(
         ".wrap_target",
         "    pull block",
@@ -137,53 +141,71 @@ pub struct Echo {
     over_us: Option<u16>,
 }
 
-/// A state machine for two sonars, and its echo pin.
-#[derive(Clone, Copy)]
-pub(crate) struct EchoMachine {
-    machine: u8,
-    program: u8,
-    echo_pin: u8,
+/// The sonars, in their order.
+///
+/// # Panics
+/// If a pin is taken, or there are more echo pins than state machines.
+pub(crate) fn start<const SONARS: usize>(
+    sonars: &[Sonar; SONARS],
+    pins: &mut FreePins,
+    pio: PIO1,
+    resets: &mut RESETS,
+) -> ([Trigger; SONARS], [Echo; SONARS]) {
+    let (mut pio, machine_0, machine_1, machine_2, machine_3) = pio.split(resets);
+    let Ok(program) = pio.install(&program()) else {
+        panic!("the program that times echoes fits");
+    };
+    let mut echo_pins = [None; MACHINES];
+    for sonar in sonars {
+        let _trigger = take!(pins, sonar.trigger, FunctionPio1, PullNone);
+        if !echo_pins.contains(&Some(sonar.echo)) {
+            let Some(free) = echo_pins.iter_mut().find(|pin| pin.is_none()) else {
+                panic!("there are {MACHINES} echo pins at most");
+            };
+            *free = Some(sonar.echo);
+            // Diodes leave a pin that no sonar drives to its resistor.
+            let _echo = take!(pins, sonar.echo, FunctionPio1, PullDown);
+        }
+    }
+    start_machine(sonars, echo_pins[0], &program, machine_0);
+    start_machine(sonars, echo_pins[1], &program, machine_1);
+    start_machine(sonars, echo_pins[2], &program, machine_2);
+    start_machine(sonars, echo_pins[3], &program, machine_3);
+    let timers = sonars.map(|sonar| Timer {
+        machine: echo_pins
+            .iter()
+            .position(|pin| *pin == Some(sonar.echo))
+            .unwrap_or_default() as u8,
+        program: program.offset(),
+        trigger_pin: sonar.trigger,
+        echo_pin: sonar.echo,
+    });
+    let echo = |timer| Echo {
+        timer,
+        ping: 0,
+        over_us: None,
+    };
+    (timers.map(Trigger), timers.map(echo))
 }
 
-impl EchoMachine {
-    /// Starts the state machine.
-    pub(crate) fn new<SM: StateMachineIndex>(
-        program: InstalledProgram<PIO1>,
-        machine: UninitStateMachine<(PIO1, SM)>,
-        trigger_pins: [u8; 2],
-        echo_pin: u8,
-        divisor: (u16, u8),
-    ) -> Self {
-        let started = Self {
-            machine: SM::id() as u8,
-            program: program.offset(),
-            echo_pin,
-        };
-        let (mut machine, ..) = PIOBuilder::from_installed_program(program)
-            .in_pin_base(echo_pin)
-            .jmp_pin(echo_pin)
-            .clock_divisor_fixed_point(divisor.0, divisor.1)
-            .build(machine);
-        machine.set_pindirs(trigger_pins.map(|pin| (pin, PinDir::Output)));
-        machine.start();
-        started
-    }
-
-    /// The sonar whose trigger is at this pin.
-    pub(crate) fn sonar(self, trigger_pin: u8) -> (Trigger, Echo) {
-        let timer = Timer {
-            machine: self.machine,
-            program: self.program,
-            trigger_pin,
-            echo_pin: self.echo_pin,
-        };
-        let echo = Echo {
-            timer,
-            ping: 0,
-            over_us: None,
-        };
-        (Trigger(timer), echo)
-    }
+/// Starts a state machine for the sonars of an echo pin, if there are any.
+fn start_machine<SM: StateMachineIndex>(
+    sonars: &[Sonar],
+    echo_pin: Option<u8>,
+    program: &InstalledProgram<PIO1>,
+    machine: UninitStateMachine<(PIO1, SM)>,
+) {
+    let Some(echo_pin) = echo_pin else { return };
+    // SAFETY: a program may be shared by state machines as long as nobody takes it away.
+    let program = unsafe { program.share() };
+    let (mut machine, ..) = PIOBuilder::from_installed_program(program)
+        .in_pin_base(echo_pin)
+        .jmp_pin(echo_pin)
+        .clock_divisor_fixed_point(PIO_DIVISOR.0, PIO_DIVISOR.1)
+        .build(machine);
+    let its = sonars.iter().filter(|sonar| sonar.echo == echo_pin);
+    machine.set_pindirs(its.map(|sonar| (sonar.trigger, PinDir::Output)));
+    machine.start();
 }
 
 impl digital::ErrorType for Trigger {

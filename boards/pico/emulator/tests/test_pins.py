@@ -23,6 +23,10 @@ PERIOD_COUNTS = 6250
 PWM_HZ = 20_000
 
 
+ROVER = emulate.Wiring(emulate.ROVER)
+MOTORS = [(motor["forwards"], motor["backwards"]) for motor in ROVER.motors]
+
+
 class Chip:
     """The chip, with nothing at its pins."""
 
@@ -34,7 +38,7 @@ class Chip:
         self.chip.logger = ConsoleLogger(LogLevel.ERROR, False)
         emulate.load(self.chip, FIRMWARE)
         self.pios = emulate.lazy_pios(self.chip)
-        for pin in (*sum(emulate.ENCODERS, ()), *emulate.ECHOES):
+        for pin in (*sum(ROVER.encoders, ()), *ROVER.echoes):
             self.chip.gpio[pin].set_input_value(False)
         self.heard = bytearray()
         self.chip.uart[0].on_byte = self.heard.append
@@ -86,7 +90,7 @@ class Motors(unittest.TestCase):
 
     def test_duty_and_frequency_are_as_set_to_a_thousandth(self):
         chip = Chip()
-        edges = {pin: [] for pin in sum(emulate.MOTORS, ())}
+        edges = {pin: [] for pin in sum(MOTORS, ())}
         for pin, seen in edges.items():
 
             def edge(state, _before, seen=seen):
@@ -101,7 +105,7 @@ class Motors(unittest.TestCase):
             for seen in edges.values():
                 seen.clear()
             chip.run_us(2_000)
-            for (forwards, backwards), duty in zip(emulate.MOTORS, (left, right)):
+            for (forwards, backwards), duty in zip(MOTORS, (left, right)):
                 driven, other = (forwards, backwards) if duty > 0 else (backwards, forwards)
                 self.assertEqual(edges[other], [], f"{duty}: the other input is low")
                 rises = [at for at, level in edges[driven] if level]
@@ -115,7 +119,7 @@ class Motors(unittest.TestCase):
 
     def test_no_input_is_driven_at_the_ends_and_when_the_firmware_ends(self):
         chip = Chip()
-        levels = lambda: [chip.chip.gpio[pin].output_value for pin in sum(emulate.MOTORS, ())]
+        levels = lambda: [chip.chip.gpio[pin].output_value for pin in sum(MOTORS, ())]
         chip.ask(b"d" + struct.pack("<hh", 6250, -6250), 1)
         chip.run_us(200)
         self.assertEqual(levels(), [True, False, False, True])
@@ -135,7 +139,7 @@ class Encoders(unittest.TestCase):
         def edge():
             place[0] += step
             a, b = [(0, 0), (1, 0), (1, 1), (0, 1)][place[0] % 4]
-            for pin, level in zip(emulate.ENCODERS[encoder], (a, b)):
+            for pin, level in zip(ROVER.encoders[encoder], (a, b)):
                 if chip.chip.gpio[pin].input_value != bool(level):
                     chip.drive(pin, bool(level))
 
@@ -162,12 +166,12 @@ class Encoders(unittest.TestCase):
     def test_an_edge_that_trembles_counts_to_and_fro(self):
         chip = Chip()
         for _ in range(7):
-            chip.drive(emulate.ENCODERS[0][0], True)
+            chip.drive(ROVER.encoders[0][0], True)
             chip.run_us(20)
-            chip.drive(emulate.ENCODERS[0][0], False)
+            chip.drive(ROVER.encoders[0][0], False)
             chip.run_us(20)
         self.assertEqual(self.counts(chip), (0, 0))
-        chip.drive(emulate.ENCODERS[0][0], True)
+        chip.drive(ROVER.encoders[0][0], True)
         chip.run_us(20)
         self.assertEqual(self.counts(chip), (1, 0))
 
@@ -185,11 +189,11 @@ class Sonars(unittest.TestCase):
             level = state == GPIOPinState.HIGH
             edges.append((chip.clock.nanos, level))
             if not level and width_us is not None:
-                pin = emulate.ECHOES[sonar]
+                pin = ROVER.echoes[sonar]
                 chip.at(400, lambda: chip.drive(pin, True))
                 chip.at(400 + width_us, lambda: chip.drive(pin, False))
 
-        pin = chip.chip.gpio[emulate.TRIGGERS[sonar]]
+        pin = chip.chip.gpio[ROVER.triggers[sonar]]
         remove = pin.add_listener(edge)
         chip.ask(b"p" + bytes([sonar]), 1, watched=True)
         chip.run_us(1_000 + (width_us or 0))
@@ -222,15 +226,15 @@ class Sonars(unittest.TestCase):
         self.assertEqual(self.ping(chip, 2, None)[1], (0, 0), "a sonar that is not there")
         self.assertEqual(self.ping(chip, 2, 3_000)[1][0], 2, "it is asked again")
         self.assertEqual(self.width(chip, 3), (0, 0), "the neighbour at its pin")
-        chip.drive(emulate.ECHOES[4], False)
+        chip.drive(ROVER.echoes[4], False)
         chip.ask(b"p\x04", 1)
         chip.run_us(100)
-        chip.drive(emulate.ECHOES[4], True)
+        chip.drive(ROVER.echoes[4], True)
         chip.run_us(2_000)
         state, us = self.width(chip, 4)
         self.assertEqual(state, 1)
         self.assertTrue(1_500 <= us <= 4_000, us)
-        chip.drive(emulate.ECHOES[4], False)
+        chip.drive(ROVER.echoes[4], False)
         chip.run_us(20)
         self.assertEqual(self.width(chip, 4)[0], 2)
 

@@ -21,6 +21,12 @@ use pico::uart::Uart0;
 use pico::{motors, rt_firmware};
 use rt_firmware::drivers::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
 
+/// What is at which pin: the shipped rover's.
+#[allow(dead_code, reason = "the drivers alone are tested")]
+mod robot {
+    include!(concat!(env!("OUT_DIR"), "/robot.rs"));
+}
+
 /// The next byte.
 fn byte(uart: &mut Uart0) -> u8 {
     loop {
@@ -54,7 +60,7 @@ fn drive(
 #[entry]
 fn main() -> ! {
     static mut VECTORS: VectorTable = VectorTable::new();
-    let parts = pico::start(VECTORS).parts;
+    let parts = pico::start(VECTORS, &robot::WIRING).parts;
     let (mut robot, mut uart) = (parts.rover, parts.uart);
     loop {
         match byte(&mut uart) {

@@ -3,12 +3,16 @@
 #![no_std]
 #![no_main]
 
-use pico::pins::BoardRover;
-use rt_firmware::rover::Measures;
+/// What `robot.toml` says.
+mod robot {
+    include!(concat!(env!("OUT_DIR"), "/robot.rs"));
+}
 
+use robot::{MEASURES, Robot, WIRING};
 
 pico::app! {
     firmware: concat!("rover ", env!("CARGO_PKG_VERSION")),
-    robot: BoardRover = |parts| BoardRover::new(parts, &Measures::ROVER),
+    wiring: WIRING,
+    robot: Robot = |parts| Robot::new(parts, &MEASURES),
     default_mission: include_bytes!("../../../stand_by.blob"),
 }

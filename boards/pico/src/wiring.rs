@@ -1,0 +1,72 @@
+//! What is at which pin, as a robot's file says it: the build script of a robot's firmware makes the
+//! constants of it (`robot_file::build`), which has been checked then. Pins are the numbers of the
+//! chip, `GP0` is 0.
+
+/// A robot's parts and their pins.
+#[derive(Clone, Copy, Debug)]
+pub struct Wiring<const SONARS: usize> {
+    /// The left wheel.
+    pub left: Wheel,
+    /// The right wheel.
+    pub right: Wheel,
+    /// The sonars, in the order of the robot's measures. Those of one echo pin never ping at once.
+    pub sonars: [Sonar; SONARS],
+    /// The battery, behind its divider: an analogue pin.
+    pub battery: u8,
+    /// The sensors that look at the floor, left, middle and right, where they are: analogue pins.
+    pub floor: [Option<u8>; 3],
+    /// The button of the emergency stop.
+    pub stop_button: Button,
+}
+
+/// A motor and its encoder.
+#[derive(Clone, Copy, Debug)]
+pub struct Wheel {
+    /// The motor's bridge.
+    pub motor: Bridge,
+    /// The lower of the encoder's two pins; the other is the next.
+    pub encoder: u8,
+    /// Whether the count goes down where A is ahead of B, A being at the lower pin.
+    pub encoder_reversed: bool,
+}
+
+/// How an H-bridge is driven. The pins of duties are different outputs of the PWM.
+#[derive(Clone, Copy, Debug)]
+pub enum Bridge {
+    /// Two inputs: the one that is driven says which way (DRV8833, L298, L9110; TB6612 with its PWM
+    /// input tied high).
+    TwoInputs {
+        /// Its duty is the power forwards.
+        forwards: u8,
+        /// Its duty is the power backwards.
+        backwards: u8,
+    },
+    /// An input for the power and one for the direction (DRV8835 in its phase mode, or a bridge with
+    /// an inverter before its second input).
+    PwmAndDirection {
+        /// Its duty is the power.
+        pwm: u8,
+        /// Its level is the direction.
+        direction: u8,
+        /// Whether it is low where the wheel is to turn backwards.
+        is_backwards_low: bool,
+    },
+}
+
+/// A sonar that answers a trigger with a pulse.
+#[derive(Clone, Copy, Debug)]
+pub struct Sonar {
+    /// Where it is triggered.
+    pub trigger: u8,
+    /// Where it answers.
+    pub echo: u8,
+}
+
+/// A button.
+#[derive(Clone, Copy, Debug)]
+pub struct Button {
+    /// Its pin.
+    pub pin: u8,
+    /// Whether the pin is high while it is pressed. One that is not connected is not pressed.
+    pub is_pressed_high: bool,
+}

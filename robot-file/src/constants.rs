@@ -1,0 +1,114 @@
+//! A robot as constants of Rust.
+
+use std::fmt::Write as _;
+
+use crate::{Level, Motor, PwmAndDirection, Robot, TwoInputs, Wheel, eighths};
+
+/// The variants of `Bearing`, counter-clockwise from straight ahead.
+const BEARINGS: [&str; 8] = [
+    "Ahead",
+    "AheadLeft",
+    "Left",
+    "BehindLeft",
+    "Behind",
+    "BehindRight",
+    "Right",
+    "AheadRight",
+];
+
+impl Robot {
+    /// `MEASURES`, `WIRING` and `Robot`, as Rust.
+    pub(crate) fn constants(&self) -> String {
+        let file = &self.file;
+        let board = &self.board.name;
+        let sonars = file.sonars.len();
+        let wheels = &file.wheels;
+        let mut bearings = String::new();
+        let mut pins = String::new();
+        for sonar in &file.sonars {
+            // Writing to a string cannot fail.
+            let bearing = BEARINGS[eighths(sonar.looks_deg)];
+            let _ = write!(bearings, "Bearing::{bearing}, ");
+            let (trigger, echo) = (sonar.trigger, sonar.echo);
+            let _ = write!(pins, "Sonar {{ trigger: {trigger}, echo: {echo} }}, ");
+        }
+        let floor = &file.floor;
+        format!(
+            "/// What the robot measures.
+pub const MEASURES: {board}::rt_firmware::rover::Measures<{sonars}> = {{
+    use {board}::rt_firmware::tasks::{{Bearing, Chassis}};
+    {board}::rt_firmware::rover::Measures {{
+        chassis: Chassis {{
+            wheel_base_m: {:?},
+            metres_per_count: core::f32::consts::TAU * {:?} / {:?},
+            full_speed_m_per_s: {:?},
+            friction_power: {:?},
+        }},
+        battery_full_scale_v: {:?},
+        floor_counts: {},
+        line_counts: {},
+        sonars: [{bearings}],
+    }}
+}};
+
+/// Which pin is what.
+pub const WIRING: {board}::wiring::Wiring<{sonars}> = {{
+    #[allow(unused_imports)]
+    use {board}::wiring::{{Bridge, Button, Sonar, Wheel, Wiring}};
+    Wiring {{
+        left: {},
+        right: {},
+        sonars: [{pins}],
+        battery: {},
+        floor: [{:?}, {:?}, {:?}],
+        stop_button: Button {{ pin: {}, is_pressed_high: {} }},
+    }}
+}};
+
+/// The rover with these parts.
+pub type Robot = {board}::pins::BoardRover<{sonars}>;
+",
+            wheels.base_m,
+            wheels.radius_m,
+            wheels.counts_per_revolution,
+            wheels.full_speed_m_per_s,
+            wheels.friction_power,
+            file.battery.full_scale_v,
+            floor.floor_counts,
+            floor.line_counts,
+            wheel(&file.left),
+            wheel(&file.right),
+            file.battery.pin,
+            floor.left,
+            floor.middle,
+            floor.right,
+            file.stop_button.pin,
+            file.stop_button.pressed == Level::High,
+        )
+    }
+}
+
+fn wheel(wheel: &Wheel) -> String {
+    let motor = match wheel.motor {
+        Motor::TwoInputs(TwoInputs {
+            forwards,
+            backwards,
+        }) => {
+            format!("Bridge::TwoInputs {{ forwards: {forwards}, backwards: {backwards} }}")
+        }
+        Motor::PwmAndDirection(PwmAndDirection {
+            pwm,
+            direction,
+            backwards_is,
+        }) => format!(
+            "Bridge::PwmAndDirection {{ pwm: {pwm}, direction: {direction}, is_backwards_low: {} }}",
+            backwards_is == Level::Low
+        ),
+    };
+    let encoder = wheel.encoder;
+    format!(
+        "Wheel {{ motor: {motor}, encoder: {}, encoder_reversed: {} }}",
+        encoder.a.min(encoder.b),
+        encoder.a > encoder.b
+    )
+}

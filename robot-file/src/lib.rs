@@ -1,0 +1,272 @@
+//! A robot's file, `robot.toml`: what the robot measures, and which pin of its board is what.
+//!
+//! Three things are made of it: the constants of a firmware ([`build`], for its build script), the
+//! table of its wiring ([`Robot::wiring`]), and a picture of it ([`Robot::picture`]).
+//!
+//! ```
+//! let robot = robot_file::read("../boards/pico/robot.toml".as_ref()).expect("the shipped rover's");
+//! assert!(robot.wiring().contains("| GP2, GP3 | left motor: forwards, backwards |"));
+//! ```
+
+mod check;
+mod constants;
+mod picture;
+mod wiring;
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+/// What the boards say of their pins, one text each: a `board.toml`.
+const BOARDS: &[&str] = &include!(concat!(env!("OUT_DIR"), "/boards.rs"));
+
+/// Why a robot's file cannot be used.
+#[derive(Debug)]
+pub struct RobotFileError {
+    file: PathBuf,
+    /// What is wrong and what to do, one sentence or more each.
+    problems: Vec<String>,
+}
+
+impl fmt::Display for RobotFileError {
+    fn fmt(&self, to: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (place, problem) in self.problems.iter().enumerate() {
+            let line = if place == 0 { "" } else { "\n" };
+            write!(to, "{line}{}: {}", self.file.display(), problem.trim_end())?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for RobotFileError {}
+
+/// A robot, as its file says, which holds.
+#[derive(Clone, Debug)]
+pub struct Robot {
+    file: RobotFile,
+    board: Board,
+    pins: Pins,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RobotFile {
+    name: String,
+    board: String,
+    wheels: Wheels,
+    left: Wheel,
+    right: Wheel,
+    sonars: Vec<Sonar>,
+    battery: Battery,
+    #[serde(default)]
+    floor: Floor,
+    stop_button: Button,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Wheels {
+    base_m: f32,
+    radius_m: f32,
+    counts_per_revolution: f32,
+    full_speed_m_per_s: f32,
+    friction_power: f32,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Wheel {
+    motor: Motor,
+    encoder: Encoder,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "a motor is { forwards = PIN, backwards = PIN }, or { pwm = PIN, direction = PIN, backwards_is = \"high\" }"
+)]
+enum Motor {
+    TwoInputs(TwoInputs),
+    PwmAndDirection(PwmAndDirection),
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TwoInputs {
+    forwards: u8,
+    backwards: u8,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PwmAndDirection {
+    pwm: u8,
+    direction: u8,
+    backwards_is: Level,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Level {
+    High,
+    Low,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Encoder {
+    a: u8,
+    b: u8,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sonar {
+    looks_deg: i32,
+    trigger: u8,
+    echo: u8,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Battery {
+    pin: u8,
+    full_scale_v: f32,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Floor {
+    left: Option<u8>,
+    middle: Option<u8>,
+    right: Option<u8>,
+    floor_counts: u16,
+    line_counts: u16,
+}
+
+impl Default for Floor {
+    /// No sensors. The counts are those of the shipped rover's.
+    fn default() -> Self {
+        Floor {
+            left: None,
+            middle: None,
+            right: None,
+            floor_counts: 500,
+            line_counts: 3_300,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Button {
+    pin: u8,
+    pressed: Level,
+}
+
+/// What `board.toml` says of a board; the rest is of others.
+#[derive(Clone, Debug, Deserialize)]
+struct Board {
+    name: String,
+    pins: Option<Pins>,
+}
+
+/// What a robot's file may connect on a board.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Pins {
+    prefix: String,
+    free: Vec<u8>,
+    analog: Vec<u8>,
+    analog_full_scale: u16,
+    pwm_repeats: u8,
+    echo_pins: usize,
+    own: Vec<(String, String)>,
+}
+
+/// Eighths of a turn, counter-clockwise from straight ahead.
+fn eighths(degrees: i32) -> usize {
+    degrees.rem_euclid(360) as usize / 45
+}
+
+/// Reads and checks a robot's file.
+///
+/// # Errors
+/// The file cannot be read or is no TOML, or all that is wrong with it: a key that there is not, a
+/// board that has no pins, a pin that it does not have or that has two parts, a measure that cannot
+/// be.
+pub fn read(file: &Path) -> Result<Robot, RobotFileError> {
+    let fails = |problems| RobotFileError {
+        file: file.to_owned(),
+        problems,
+    };
+    let text = std::fs::read_to_string(file).map_err(|cause| fails(vec![cause.to_string()]))?;
+    parse(&text).map_err(fails)
+}
+
+/// A robot of the text of its file.
+fn parse(text: &str) -> Result<Robot, Vec<String>> {
+    let file: RobotFile = toml::from_str(text).map_err(|cause| vec![cause.to_string()])?;
+    let boards = BOARDS.iter().filter_map(|text| toml::from_str(text).ok());
+    let boards: Vec<Board> = boards
+        .filter(|board: &Board| board.pins.is_some())
+        .collect();
+    let named = boards.iter().find(|board| board.name == file.board);
+    let Some((board, pins)) = named.and_then(|board| Some((board, board.pins.clone()?))) else {
+        let names: Vec<&str> = boards.iter().map(|board| &*board.name).collect();
+        return Err(vec![format!(
+            "there is no board `{}` with pins; the boards with pins are: {}",
+            file.board,
+            names.join(", ")
+        )]);
+    };
+    let robot = Robot {
+        board: board.clone(),
+        pins,
+        file,
+    };
+    match check::problems(&robot) {
+        problems if problems.is_empty() => Ok(robot),
+        problems => Err(problems),
+    }
+}
+
+/// For the build script of a firmware: turns a robot's file, which is relative to the package, into
+/// `robot.rs` in the build's folder. It has `MEASURES`, `WIRING` and the type `Robot`, for a package
+/// that knows the board's crate by its name:
+///
+/// ```ignore
+/// mod robot {
+///     include!(concat!(env!("OUT_DIR"), "/robot.rs"));
+/// }
+/// ```
+///
+/// # Panics
+/// If the file cannot be used. Cargo shows why.
+pub fn build(file: &str) {
+    println!("cargo:rerun-if-changed={file}");
+    let robot = read(Path::new(file)).unwrap_or_else(|error| {
+        println!("cargo::error={}", error.to_string().replace('\n', "; "));
+        panic!("{error}")
+    });
+    let out = PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets its variables"));
+    std::fs::write(out.join("robot.rs"), robot.constants()).expect("OUT_DIR can be written to");
+}
+
+impl Robot {
+    /// Its name, as its file says.
+    pub fn name(&self) -> &str {
+        &self.file.name
+    }
+
+    /// Its board's name.
+    pub fn board(&self) -> &str {
+        &self.board.name
+    }
+
+    /// How the board prints the number of a pin.
+    fn pin(&self, number: u8) -> String {
+        format!("{}{number}", self.pins.prefix)
+    }
+}

@@ -1,0 +1,123 @@
+//! A robot's wiring as a table.
+
+use crate::{Level, Motor, PwmAndDirection, Robot, TwoInputs};
+
+/// Names of directions, counter-clockwise from straight ahead.
+pub(crate) const DIRECTIONS: [&str; 8] = [
+    "ahead",
+    "ahead left",
+    "left",
+    "behind left",
+    "behind",
+    "behind right",
+    "right",
+    "ahead right",
+];
+
+impl Robot {
+    /// Which pin is what, as a table of Markdown, ordered by pins.
+    pub fn wiring(&self) -> String {
+        let mut rows = self.rows();
+        rows.sort_by_key(|(pin, _)| *pin);
+        let own = self
+            .pins
+            .own
+            .iter()
+            .map(|(pins, part)| format!("| {pins} | {part} |"));
+        let rows = rows.into_iter().map(|(_, row)| row);
+        let mut table = vec!["| pin | part |".to_owned(), "|---|---|".to_owned()];
+        table.extend(own.chain(rows));
+        table.join("\n") + "\n"
+    }
+
+    /// The rows, with their first pins.
+    fn rows(&self) -> Vec<(u8, String)> {
+        let file = &self.file;
+        let mut rows = Vec::new();
+        let mut add = |pins: &[u8], part: String| {
+            let names: Vec<String> = pins.iter().map(|&pin| self.pin(pin)).collect();
+            rows.push((pins[0], format!("| {} | {part} |", names.join(", "))));
+        };
+        for (side, wheel) in [("left", &file.left), ("right", &file.right)] {
+            match wheel.motor {
+                Motor::TwoInputs(TwoInputs {
+                    forwards,
+                    backwards,
+                }) => {
+                    add(
+                        &[forwards, backwards],
+                        format!("{side} motor: forwards, backwards"),
+                    );
+                }
+                Motor::PwmAndDirection(PwmAndDirection {
+                    pwm,
+                    direction,
+                    backwards_is,
+                }) => {
+                    let level = level(backwards_is);
+                    let part =
+                        format!("{side} motor: power (PWM), direction ({level} is backwards)");
+                    add(&[pwm, direction], part);
+                }
+            }
+            add(
+                &[wheel.encoder.a, wheel.encoder.b],
+                format!("{side} encoder: A, B"),
+            );
+        }
+        for (place, sonar) in file.sonars.iter().enumerate() {
+            let direction = DIRECTIONS[crate::eighths(sonar.looks_deg)];
+            add(
+                &[sonar.trigger],
+                format!("sonar {place} ({direction}): trigger"),
+            );
+            let is_first = file.sonars[..place]
+                .iter()
+                .all(|earlier| earlier.echo != sonar.echo);
+            if is_first {
+                let its = file.sonars.iter().enumerate();
+                let its = its.filter(|(_, other)| other.echo == sonar.echo);
+                let its: Vec<String> = its.map(|(place, _)| place.to_string()).collect();
+                let part = match its.len() {
+                    1 => format!("sonar {place}: echo, behind its divider"),
+                    _ => format!(
+                        "sonars {}: echo, behind dividers and diodes",
+                        its.join(" and ")
+                    ),
+                };
+                add(&[sonar.echo], part);
+            }
+        }
+        let volts = file.battery.full_scale_v;
+        add(
+            &[file.battery.pin],
+            format!("battery, behind a divider: full scale is {volts} V"),
+        );
+        for (place, pin) in [
+            ("left", file.floor.left),
+            ("middle", file.floor.middle),
+            ("right", file.floor.right),
+        ] {
+            if let Some(pin) = pin {
+                add(&[pin], format!("line sensor: {place}"));
+            }
+        }
+        let to = match file.stop_button.pressed {
+            Level::Low => "ground",
+            Level::High => "the board's supply of 3.3 V",
+        };
+        add(
+            &[file.stop_button.pin],
+            format!("button of the emergency stop, to {to}"),
+        );
+        rows
+    }
+}
+
+/// As a file says it.
+fn level(level: Level) -> &'static str {
+    match level {
+        Level::High => "high",
+        Level::Low => "low",
+    }
+}
