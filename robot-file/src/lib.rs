@@ -182,7 +182,15 @@ struct Pins {
     analog_full_scale: u16,
     pwm_repeats: u8,
     echo_pins: usize,
-    own: Vec<(String, String)>,
+    own: Vec<Own>,
+}
+
+/// A part of the board itself, and its pins: one at least.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Own {
+    pins: Vec<u8>,
+    part: String,
 }
 
 /// Eighths of a turn, counter-clockwise from straight ahead.
@@ -197,15 +205,24 @@ fn eighths(degrees: i32) -> usize {
 /// board that has no pins, a pin that it does not have or that has two parts, a measure that cannot
 /// be.
 pub fn read(file: &Path) -> Result<Robot, RobotFileError> {
-    let fails = |problems| RobotFileError {
+    let text = std::fs::read_to_string(file).map_err(|cause| RobotFileError {
         file: file.to_owned(),
-        problems,
-    };
-    let text = std::fs::read_to_string(file).map_err(|cause| fails(vec![cause.to_string()]))?;
-    parse(&text).map_err(fails)
+        problems: vec![cause.to_string()],
+    })?;
+    check(file, &text)
 }
 
-/// A robot of the text of its file.
+/// Checks the text of a robot's file. `file` is its name in errors.
+///
+/// # Errors
+/// As [`read`].
+pub fn check(file: &Path, text: &str) -> Result<Robot, RobotFileError> {
+    parse(text).map_err(|problems| RobotFileError {
+        file: file.to_owned(),
+        problems,
+    })
+}
+
 fn parse(text: &str) -> Result<Robot, Vec<String>> {
     let file: RobotFile = toml::from_str(text).map_err(|cause| vec![cause.to_string()])?;
     let boards = BOARDS.iter().filter_map(|text| toml::from_str(text).ok());

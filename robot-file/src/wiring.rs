@@ -18,25 +18,27 @@ impl Robot {
     /// Which pin is what, as a table of Markdown, ordered by pins.
     pub fn wiring(&self) -> String {
         let mut rows = self.rows();
+        for own in &self.pins.own {
+            rows.push((own.pins[0], self.row(&own.pins, &own.part)));
+        }
         rows.sort_by_key(|(pin, _)| *pin);
-        let own = self
-            .pins
-            .own
-            .iter()
-            .map(|(pins, part)| format!("| {pins} | {part} |"));
-        let rows = rows.into_iter().map(|(_, row)| row);
         let mut table = vec!["| pin | part |".to_owned(), "|---|---|".to_owned()];
-        table.extend(own.chain(rows));
+        table.extend(rows.into_iter().map(|(_, row)| row));
         table.join("\n") + "\n"
     }
 
-    /// The rows, with their first pins.
+    /// A row of the table.
+    fn row(&self, pins: &[u8], part: &str) -> String {
+        let names: Vec<String> = pins.iter().map(|&pin| self.pin(pin)).collect();
+        format!("| {} | {part} |", names.join(", "))
+    }
+
+    /// The rows of the robot's parts, with their first pins.
     fn rows(&self) -> Vec<(u8, String)> {
         let file = &self.file;
         let mut rows = Vec::new();
         let mut add = |pins: &[u8], part: String| {
-            let names: Vec<String> = pins.iter().map(|&pin| self.pin(pin)).collect();
-            rows.push((pins[0], format!("| {} | {part} |", names.join(", "))));
+            rows.push((pins[0], self.row(pins, &part)));
         };
         for (side, wheel) in [("left", &file.left), ("right", &file.right)] {
             match wheel.motor {

@@ -155,13 +155,19 @@ pub fn build_robot(
     toolchain: &Toolchain,
     bins: &[String],
 ) -> Result<Vec<PathBuf>, Failure> {
+    let file = robot.join(ROBOT_FILE);
+    if file.is_file() {
+        return build_of_file(root, robot, &file, toolchain, bins);
+    }
     let folder = robot.join("firmware");
     if !folder.join("Cargo.toml").is_file() {
         return Err(Failure::Content {
             path: robot.to_owned(),
-            problem: "is no robot: it has no firmware/Cargo.toml, as examples/my_robot has",
+            problem: "is no robot: it has no robot.toml, as examples/my_pico has, and no firmware/Cargo.toml, as examples/my_robot has",
         });
     }
+    let example = [EXAMPLE_BIN.to_owned()];
+    let bins = if bins.is_empty() { &example } else { bins };
     build_in(
         root,
         &folder,
@@ -171,6 +177,55 @@ pub fn build_robot(
         bins,
         Features::Default,
     )
+}
+
+/// What a robot measures and which pin is what, in the folder of its firmware.
+const ROBOT_FILE: &str = "robot.toml";
+
+/// Builds the firmware of a robot whose file names its board. The file goes beside the firmware,
+/// for the emulator.
+fn build_of_file(
+    root: &Path,
+    folder: &Path,
+    file: &Path,
+    toolchain: &Toolchain,
+    bins: &[String],
+) -> Result<Vec<PathBuf>, Failure> {
+    let text = std::fs::read_to_string(file).map_err(|cause| Failure::File {
+        path: file.to_owned(),
+        cause,
+    })?;
+    let value = |key: &str| {
+        let values = text.lines().filter_map(|line| line.split_once(" = "));
+        let found = values.clone().find(|(name, _)| *name == key);
+        found.map(|(_, value)| value.trim_matches('"').to_owned())
+    };
+    let (Some(name), Some(board)) = (value("name"), value("board")) else {
+        return Err(Failure::Content {
+            path: file.to_owned(),
+            problem: "has no `name = \"…\"` or no `board = \"…\"`; `esm wiring` checks it",
+        });
+    };
+    let target = setting(&root.join("boards").join(&board), "target")?;
+    if target != BOARD_TARGET {
+        setup::small_target(toolchain)?;
+    }
+    let for_board = Board {
+        name: &board,
+        target: &target,
+    };
+    let named = [name];
+    let bins = if bins.is_empty() { &named } else { bins };
+    let features = Features::Default;
+    let built = build_in(root, folder, for_board, toolchain, RELEASE, bins, features)?;
+    for firmware in &built {
+        let beside = firmware.with_extension("toml");
+        std::fs::copy(file, &beside).map_err(|cause| Failure::File {
+            path: beside,
+            cause,
+        })?;
+    }
+    Ok(built)
 }
 
 /// Runs clippy on the crate in `folder` with warnings as errors.

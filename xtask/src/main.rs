@@ -54,7 +54,7 @@ Options:
   --bin <NAME>                       firmware: what to build, may be repeated [default: rover]
   --board <NAME>                     firmware, emulator: the board, one of those in boards/ [default: that of QEMU]
   --example                          firmware: build examples/my_robot instead
-  --robot <FOLDER>                   firmware: build the robot in FOLDER, a copy of examples/my_robot; with --bin if its program has another name than my_robot
+  --robot <FOLDER>                   firmware: build the robot in FOLDER, a copy of examples/my_robot or my_pico; with --bin if its program has another name
   --lean                             firmware: build the default firmware without its features, to rover-lean.elf
   --quick                            test: leave out what takes minutes (emulator, my_robot)
   --minutes <N>                      fuzz: how long each target runs [default: 5]
@@ -173,7 +173,8 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             let names_robot = options.example || options.robot.is_some();
             if options.board.is_some() && (names_robot || options.lean) {
                 return Err(Failure::Usage(
-                    "--example, --robot and --lean are of the default board: leave --board out"
+                    "--example and --lean are of the default board, and the file of a --robot names its \
+                     board: leave --board out"
                         .to_owned(),
                 ));
             }
@@ -182,10 +183,7 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
                 return firmware::build_example(&root, &toolchain).map(print_files);
             }
             if let Some(robot) = &options.robot {
-                let bins = match &options.bins[..] {
-                    [] => &[firmware::EXAMPLE_BIN.to_owned()],
-                    bins => bins,
-                };
+                let bins = &options.bins;
                 return firmware::build_robot(&root, robot, &toolchain, bins).map(print_files);
             }
             if options.lean {

@@ -58,6 +58,7 @@ pub mod test;
 pub mod top;
 pub mod upload;
 pub mod values;
+pub mod wiring;
 
 use std::process::ExitCode;
 
@@ -118,6 +119,7 @@ pub enum Command {
     Board(board::BoardArgs),
     Ports(ports::PortsArgs),
     Flash(flash::FlashArgs),
+    Wiring(wiring::WiringArgs),
     Replay(replay::ReplayArgs),
     Upload(upload::UploadArgs),
     Confirm(confirm::ConfirmArgs),
@@ -148,7 +150,9 @@ pub fn main() -> ExitCode {
 /// use rt_firmware::rover::{Measures, PinRover};
 ///
 /// fn main() -> std::process::ExitCode {
-///     host_tools::cli::main_with(|parts, run| run(&mut PinRover::new(parts.into(), &Measures::ROVER).banks()))
+///     host_tools::cli::main_with(|parts, run| {
+///         run(&mut PinRover::new(parts.into(), &Measures::ROVER).banks())
+///     })
 /// }
 /// ```
 pub fn main_with(robot: RobotMaker) -> ExitCode {
@@ -205,6 +209,7 @@ pub fn execute(
         Command::Board(args) => board::execute(args, robot, console),
         Command::Ports(args) => ports::execute(args, console),
         Command::Flash(args) => flash::execute(args, console),
+        Command::Wiring(args) => wiring::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
         Command::Upload(args) => upload::execute(args, console),
         Command::Confirm(args) => confirm::execute(args, console),
