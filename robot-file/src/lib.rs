@@ -4,7 +4,7 @@
 //! table of its wiring ([`Robot::wiring`]), and a picture of it ([`Robot::picture`]).
 //!
 //! ```
-//! let robot = robot_file::read("../boards/pico/robot.toml".as_ref()).expect("the shipped rover's");
+//! let robot = robot_file::read("../boards/pico/robot.toml".as_ref()).expect("the rover's");
 //! assert!(robot.wiring().contains("| GP2, GP3 | left motor: forwards, backwards |"));
 //! ```
 
@@ -84,7 +84,8 @@ struct Wheel {
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(
     untagged,
-    expecting = "a motor is { forwards = PIN, backwards = PIN }, or { pwm = PIN, direction = PIN, backwards_is = \"high\" }"
+    expecting = "a motor is { forwards = PIN, backwards = PIN }, \
+                 or { pwm = PIN, direction = PIN, backwards_is = \"high\" }"
 )]
 enum Motor {
     TwoInputs(TwoInputs),
@@ -250,8 +251,8 @@ fn parse(text: &str) -> Result<Robot, Vec<String>> {
 }
 
 /// For the build script of a firmware: turns a robot's file, which is relative to the package, into
-/// `robot.rs` in the build's folder. It has `MEASURES`, `WIRING` and the type `Robot`, for a package
-/// that knows the board's crate by its name:
+/// `robot.rs` in the build's folder. It has `MEASURES`, `WIRING` and the type `Robot`, for a
+/// package that knows the board's crate by its name:
 ///
 /// ```ignore
 /// mod robot {

@@ -95,6 +95,16 @@ pub fn chip_firmware(board: &str) -> PathBuf {
     root().join(format!("target/firmware/{board}/rover.elf"))
 }
 
+/// The firmware of the example of a robot with a file of its own. Never older than its source.
+///
+/// # Panics
+/// As [`firmware`].
+pub fn example_of_a_file() -> PathBuf {
+    static BUILT: OnceLock<()> = OnceLock::new();
+    BUILT.get_or_init(|| make(&["xtask", "firmware", "--robot", "examples/my_pico"]));
+    root().join("target/firmware/pico/my_pico.elf")
+}
+
 /// The default firmware built without its features, never older than its source.
 ///
 /// # Panics

@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use esm_tests::command::{chip_firmware, esm, figure};
+use esm_tests::command::{chip_firmware, esm, example_of_a_file, figure, root};
 use host_tools::qemu::folder::RunFolder;
 use serde_json::Value;
 
@@ -33,13 +33,19 @@ struct Driven {
     said: String,
 }
 
+/// The run of the robot in `examples/my_pico`.
+const EXAMPLE: &str = "my_pico";
+
 /// Drives a mission on a board.
 fn drive(board: &str, mission: &str, world: &str, until_s: u64, name: &str) -> Driven {
     let trace: PathBuf = folder().join(format!("{mission}-{world}-{board}-{name}.jsonl"));
     let path = trace.to_str().unwrap();
     let mission = format!("missions/{mission}.esm");
     let until = format!("{until_s} s");
-    let firmware = chip_firmware("pico");
+    let firmware = match name {
+        EXAMPLE => example_of_a_file(),
+        _ => chip_firmware("pico"),
+    };
     let mut arguments = vec!["run", &mission, "--board", board, "--world", world];
     arguments.extend(["--until", &until, "--trace", path]);
     if board == "pico" {
@@ -98,6 +104,77 @@ fn missions_do_in_the_office_what_they_do_on_the_host() {
 #[test]
 fn missions_do_in_the_corridor_what_they_do_on_the_host() {
     same_order("corridor", 10);
+}
+
+/// Bridges with a direction, an encoder that counts backwards, two sonars: all of it is said in the
+/// robot's file, and the robot drives.
+#[test]
+fn a_robot_with_two_sonars_drives_by_its_file() {
+    chip_firmware("pico");
+    let driven = drive("pico", "patrol", "office", 10, EXAMPLE);
+    let to = |state: &str| {
+        let reached = driven.transitions.iter();
+        reached.filter(|(_, _, to)| to.ends_with(state)).count()
+    };
+    // Ahead, until a wall is near; round, and ahead again.
+    assert!(to("steps/AvoidLeft") + to("steps/AvoidRight") >= 1);
+    assert!(to("steps/Ahead") >= 2, "{}", driven.said);
+    assert!(
+        figure(&driven.said, "distance") > Some(0.5),
+        "{}",
+        driven.said
+    );
+    for name in ["slots missed", "collisions"] {
+        assert_eq!(figure(&driven.said, name), Some(0.0), "{}", driven.said);
+    }
+}
+
+const CHAPTER: &str = "docs/src/pico.md";
+const PICTURE: &str = "docs/src/img/pico-wiring.svg";
+
+/// The chapter's table and picture of the wiring are those of the rover's file.
+/// `ESM_BLESS=1 cargo test -p esm-tests --test pico the_chapter` writes them anew.
+#[test]
+fn the_chapter_shows_the_wiring_of_the_robots_file() {
+    const BEGIN: &str = "<!-- esm wiring boards/pico/robot.toml -->\n";
+    const END: &str = "<!-- end -->\n";
+    let drawn = folder().join("wiring.svg");
+    let table = esm(&[
+        "wiring",
+        "boards/pico/robot.toml",
+        "--svg",
+        drawn.to_str().unwrap(),
+    ])
+    .good();
+    let picture = std::fs::read_to_string(&drawn).unwrap();
+    let chapter = std::fs::read_to_string(root().join(CHAPTER)).unwrap();
+    let (before, rest) = chapter.split_once(BEGIN).unwrap();
+    let (_, after) = rest.split_once(END).unwrap();
+    let right = format!("{before}{BEGIN}\n{}\n{END}{after}", table.out);
+    if std::env::var_os("ESM_BLESS").is_some() {
+        std::fs::write(root().join(CHAPTER), &right).unwrap();
+        std::fs::write(root().join(PICTURE), &picture).unwrap();
+    }
+    assert_eq!(
+        std::fs::read_to_string(root().join(CHAPTER)).unwrap(),
+        right
+    );
+    assert_eq!(
+        std::fs::read_to_string(root().join(PICTURE)).unwrap(),
+        picture
+    );
+}
+
+#[test]
+fn a_robots_file_that_cannot_be_built_is_told() {
+    let file = folder().join("robot.toml");
+    let text = std::fs::read_to_string(root().join("boards/pico/robot.toml")).unwrap();
+    std::fs::write(&file, text.replace("pin = 22", "pin = 10")).unwrap();
+    let told = esm(&["wiring", file.to_str().unwrap()]).ended(1).err;
+    let expected =
+        "`sonars[0].trigger` and `stop_button.pin` are both GP10: give one of them another pin";
+    assert!(told.contains(expected), "{told}");
+    esm(&["wiring", "no/robot.toml"]).ended(1);
 }
 
 #[test]

@@ -270,14 +270,18 @@ const CHIP_FOLDER: &str = "boards/pico";
 /// Its firmware for tests at its pins.
 const PINS_BIN: &str = "pins";
 
+/// The example of a robot with a file of its own, on that board.
+const FILE_EXAMPLE_FOLDER: &str = "examples/my_pico";
+
 /// Crates without a lock file: they are built as parts of others.
 const UNLOCKED: [&str; 3] = ["esm", "boards/cortex_m", "boards/settings"];
 
 /// The workspaces that have a lock file.
-const LOCKED: [&str; 7] = [
+const LOCKED: [&str; 8] = [
     "",
     BOARD_FOLDER,
     CHIP_FOLDER,
+    FILE_EXAMPLE_FOLDER,
     EXAMPLE_FOLDER,
     EXAMPLE_FIRMWARE_FOLDER,
     fuzz::PACKAGE_FOLDER,
@@ -402,6 +406,10 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
             firmware::lint(root, &root.join(CHIP_FOLDER), toolchain)
         });
     }
+    tally.step("my_pico: firmware", || {
+        let folder = root.join(FILE_EXAMPLE_FOLDER);
+        firmware::build_robot(root, &folder, toolchain, &[]).map(drop)
+    });
     tally.step(
         "a smaller core: esm-core and rt-firmware for thumbv6m",
         || {

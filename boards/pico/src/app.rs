@@ -3,8 +3,9 @@
 
 /// Makes the firmware of a robot: `main`, the interrupt handlers, and the memory of all of it.
 ///
-/// `wiring` is a constant: which pin is what, as the robot's file says it. `robot` is the registry's type, with the function that builds it from the rover's parts on this
-/// board; `firmware` is the name and version that the robot tells of itself, in at most 40 bytes.
+/// `wiring` is a constant: which pin is what, as the robot's file says it. `robot` is the
+/// registry's type, with the function that builds it from the rover's parts on this board;
+/// `firmware` is the name and version that the robot tells of itself, in at most 40 bytes.
 ///
 /// `default_mission` are the bytes of a mission that `esm build` has made: what the robot does if
 /// its flash has no mission that may run. Without it, it does nothing then.

@@ -2,8 +2,9 @@
 //! a sonar sends the trigger and measures its echo, to a microsecond, while nobody waits.
 //!
 //! A state machine executes two instructions a microsecond, and looks at one echo pin. There are
-//! four of them, and up to eight sonars: neighbours may share one, since they hear each other and so
-//! never ping at once. Their echo outputs share its pin, each through a diode, or through an OR gate.
+//! four of them, and up to eight sonars: neighbours may share one, since they hear each other and
+//! so never ping at once. Their echo outputs share its pin, each through a diode, or through an OR
+//! gate.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicU16, Ordering::Relaxed};

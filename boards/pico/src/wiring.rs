@@ -1,6 +1,6 @@
-//! What is at which pin, as a robot's file says it: the build script of a robot's firmware makes the
-//! constants of it (`robot_file::build`), which has been checked then. Pins are the numbers of the
-//! chip, `GP0` is 0.
+//! What is at which pin, as a robot's file says it: the build script of a robot's firmware makes
+//! the constants of it (`robot_file::build`), which has been checked then. Pins are the numbers of
+//! the chip, `GP0` is 0.
 
 /// A robot's parts and their pins.
 #[derive(Clone, Copy, Debug)]
@@ -41,8 +41,8 @@ pub enum Bridge {
         /// Its duty is the power backwards.
         backwards: u8,
     },
-    /// An input for the power and one for the direction (DRV8835 in its phase mode, or a bridge with
-    /// an inverter before its second input).
+    /// An input for the power and one for the direction (DRV8835 in its phase mode, or a bridge
+    /// with an inverter before its second input).
     PwmAndDirection {
         /// Its duty is the power.
         pwm: u8,

@@ -21,8 +21,8 @@ use esm::rt_firmware::{TaskPool, registry};
 use headlight::Headlight;
 use lamp::Lamp;
 
-/// What the robot measures. The simulated halls have the rover in them, so these are the rover's; in
-/// a copy, put your own here.
+/// What the robot measures. The simulated halls have the rover in them, so these are the rover's;
+/// in a copy, put your own here.
 pub const MEASURES: Measures = Measures::ROVER;
 
 registry! {

@@ -10,8 +10,8 @@ use super::file;
 
 /// Checks a robot's file, and shows which pin is what
 ///
-/// The table is Markdown, ordered by pins. The picture shows the chassis from above, with its wheels
-/// and sonars and their pins.
+/// The table is Markdown, ordered by pins. The picture shows the chassis from above, with its
+/// wheels and sonars and their pins.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:

@@ -59,10 +59,10 @@ pub struct Measures<const N: usize = SONARS> {
 }
 
 impl Measures {
-    /// Radius of the rover's wheels, in metres, as they roll: a caliper says 0.033, but a way of ten
-    /// metres by the tape is 2 % less than the encoders say with that, for a wheel slips a little on
-    /// any floor. The book's chapter on a robot of one's own says how this and the distance between
-    /// the wheels are measured.
+    /// Radius of the rover's wheels, in metres, as they roll: a caliper says 0.033, but a way of
+    /// ten metres by the tape is 2 % less than the encoders say with that, for a wheel slips a
+    /// little on any floor. The book's chapter on a robot of one's own says how this and the
+    /// distance between the wheels are measured.
     pub const WHEEL_RADIUS_M: f32 = 0.0323;
 
     /// Encoder counts in one turn of the rover's wheels.
@@ -86,8 +86,8 @@ impl Measures {
 }
 
 /// The HAL objects that the rover's drivers are built on: motors (PWM, direction; high is
-/// backwards), encoders, sonars (trigger, echo timer; in the order of [`Measures::sonars`]), battery
-/// input, line sensors (left, middle, right).
+/// backwards), encoders, sonars (trigger, echo timer; in the order of [`Measures::sonars`]),
+/// battery input, line sensors (left, middle, right).
 #[derive(Debug)]
 pub struct RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize = SONARS> {
     /// PWM of the left motor.
