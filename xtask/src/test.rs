@@ -159,7 +159,7 @@ fn builds(root: &Path, choice: Choice, tally: &mut Tally) {
 }
 
 /// Tests of the whole that run beside the others: about half of the time that all take.
-const BESIDE: [&str; 3] = ["faults", "hostile_host", "pico"];
+const BESIDE: [&str; 5] = ["faults", "hostile_host", "pico", "ports", "power_cuts"];
 
 /// Where tests of the whole stand, below the checkout: a file, or a folder, each.
 const WHOLE_FOLDERS: [&str; 3] = ["tests/tests", "host-tools/tests", "xtask/tests"];
