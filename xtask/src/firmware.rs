@@ -91,7 +91,7 @@ pub fn build_for(
     let folder = root.join("boards").join(board);
     let target = setting(&folder, "target")?;
     if target != BOARD_TARGET {
-        setup::small_target(toolchain)?;
+        setup::another_target(toolchain, &target)?;
     }
     let for_board = Board {
         name: board,
@@ -208,7 +208,7 @@ fn build_of_file(
     };
     let target = setting(&root.join("boards").join(&board), "target")?;
     if target != BOARD_TARGET {
-        setup::small_target(toolchain)?;
+        setup::another_target(toolchain, &target)?;
     }
     let for_board = Board {
         name: &board,

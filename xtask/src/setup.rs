@@ -13,13 +13,13 @@ const EMULATOR: (&str, &str) = ("qemu-system-arm", "qemu-system-arm");
 /// What counts instructions on the host, and its package in Debian.
 const VALGRIND: &str = "valgrind";
 
-/// What the boards' cores run: the default board's, and the smaller one that the libraries must
-/// also compile for.
+/// What the default board's core runs.
 pub const BOARD_TARGET: &str = "thumbv7m-none-eabi";
 /// The core that machines are measured on, where the compiler has a library for it.
 const MEASURED_TARGET: &str = "thumbv7em-none-eabi";
-/// See [`BOARD_TARGET`].
-pub const SMALL_TARGET: &str = "thumbv6m-none-eabi";
+/// Cores that everything that is no board must also compile for: a smaller one, and one of another
+/// family, without compare-and-swap.
+pub const OTHER_TARGETS: [&str; 2] = ["thumbv6m-none-eabi", "riscv32imc-unknown-none-elf"];
 
 /// What pages in a browser run. It has no files, threads or clocks.
 pub const PAGE_TARGET: &str = "wasm32-unknown-unknown";
@@ -241,15 +241,15 @@ pub fn toolchain(choice: Choice) -> Result<Toolchain, Failure> {
     Ok(toolchain)
 }
 
-/// Has `toolchain` build for the small target too.
+/// Has `toolchain` build for another target than the default board's, too.
 ///
 /// # Errors
 /// [`Failure::Missing`] with the command that installs it.
-pub fn small_target(toolchain: &Toolchain) -> Result<(), Failure> {
+pub fn another_target(toolchain: &Toolchain, target: &str) -> Result<(), Failure> {
     match toolchain {
-        Toolchain::Rustup if !rustup_target(SMALL_TARGET) => Err(Failure::Missing {
-            what: format!("rustup's target {SMALL_TARGET}"),
-            command: format!("rustup target add {SMALL_TARGET}"),
+        Toolchain::Rustup if !rustup_target(target) => Err(Failure::Missing {
+            what: format!("rustup's target {target}"),
+            command: format!("rustup target add {target}"),
         }),
         Toolchain::Rustup | Toolchain::Debian { .. } => Ok(()),
     }

@@ -14,7 +14,7 @@ use crate::fuzz;
 use crate::mutants;
 use crate::process::{self, Failure, cargo};
 use crate::python;
-use crate::setup::{self, Choice, PAGE_TARGET, SMALL_TARGET, Toolchain};
+use crate::setup::{self, Choice, OTHER_TARGETS, PAGE_TARGET, Toolchain};
 use crate::size;
 use crate::tally::Tally;
 
@@ -276,6 +276,10 @@ const FILE_EXAMPLE_FOLDER: &str = "examples/my_pico";
 /// Crates without a lock file: they are built as parts of others.
 const UNLOCKED: [&str; 3] = ["esm", "boards/cortex_m", "boards/settings"];
 
+/// What a board's firmware has the libraries do.
+const FIRMWARE_FEATURES: &str = "rt-firmware/all-tasks,rt-firmware/black-box,rt-firmware/defmt,rt-firmware/docs,\
+     rt-firmware/keys,rt-firmware/news,rt-firmware/params,rt-firmware/record,rt-firmware/telemetry,rt-firmware/warm";
+
 /// The workspaces that have a lock file.
 const LOCKED: [&str; 8] = [
     "",
@@ -410,21 +414,22 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
         let folder = root.join(FILE_EXAMPLE_FOLDER);
         firmware::build_robot(root, &folder, toolchain, &[]).map(drop)
     });
-    tally.step(
-        "a smaller core: esm-core and rt-firmware for thumbv6m",
-        || {
-            setup::small_target(toolchain)?;
+    for target in OTHER_TARGETS {
+        tally.step(&format!("libraries of the firmware for {target}"), || {
+            setup::another_target(toolchain, target)?;
+            let packages = ["esm-core", "esm-link", "rt-firmware"];
             process::run(
                 toolchain
                     .cargo(root)
-                    .args(["check", "--package", "esm-core", "--package", "rt-firmware"])
-                    .args(["--target", SMALL_TARGET])
+                    .arg("check")
+                    .args(packages.iter().flat_map(|name| ["--package", name]))
+                    .args(["--features", FIRMWARE_FEATURES, "--target", target])
                     .arg("--target-dir")
                     .arg(root.join(firmware::BUILD_FOLDER))
                     .args(toolchain.core_from_source()),
             )
-        },
-    );
+        });
+    }
 }
 
 /// A robot of a user's own, outside the workspace: where it stands, and, as the book says it, in a
