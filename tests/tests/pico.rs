@@ -129,6 +129,30 @@ fn a_robot_with_two_sonars_drives_by_its_file() {
     }
 }
 
+/// What the chapter says of an upload while the robot drives: a slot begins so much late at most,
+/// in microseconds.
+const LATEST_START_US: f64 = 50.0;
+
+/// The mission is sent, written into flash and started, while the log and the trace go out.
+#[test]
+fn an_upload_while_it_drives_holds_no_slot_back() {
+    let firmware = chip_firmware("pico");
+    let mut arguments = vec!["run", "missions/patrol.esm", "--board", "pico"];
+    arguments.extend(["--firmware", firmware.to_str().unwrap(), "--until", "4 s"]);
+    arguments.extend(["--then", "2 s missions/follow_wall.esm"]);
+    let said = esm(&arguments).good().out;
+    assert_eq!(figure(&said, "slots missed"), Some(0.0), "{said}");
+    let uploads = said.lines().filter(|line| line.contains("  upload "));
+    assert_eq!(
+        uploads
+            .filter(|line| line.contains("0 slots missed meanwhile"))
+            .count(),
+        2
+    );
+    let late = figure(&said, "longest dispatch delay");
+    assert!(late <= Some(LATEST_START_US) && late > Some(0.0), "{said}");
+}
+
 const CHAPTER: &str = "docs/src/pico.md";
 const PICTURE: &str = "docs/src/img/pico-wiring.svg";
 
