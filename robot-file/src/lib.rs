@@ -260,13 +260,17 @@ fn parse(text: &str) -> Result<Robot, Vec<String>> {
 /// }
 /// ```
 ///
+/// If the file cannot be used, cargo shows why, and the build ends.
+///
 /// # Panics
-/// If the file cannot be used. Cargo shows why.
+/// If it is called by something else than a build script.
 pub fn build(file: &str) {
     println!("cargo:rerun-if-changed={file}");
     let robot = read(Path::new(file)).unwrap_or_else(|error| {
-        println!("cargo::error={}", error.to_string().replace('\n', "; "));
-        panic!("{error}")
+        for line in error.to_string().lines() {
+            println!("cargo::error={line}");
+        }
+        std::process::exit(1)
     });
     let out = PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets its variables"));
     std::fs::write(out.join("robot.rs"), robot.constants()).expect("OUT_DIR can be written to");
