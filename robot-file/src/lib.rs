@@ -194,6 +194,27 @@ struct Own {
     part: String,
 }
 
+/// What a robot measures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// From one wheel to the other, in metres.
+    pub wheel_base_m: f32,
+    /// Of the wheels, as they roll, in metres.
+    pub wheel_radius_m: f32,
+    /// Edges of an encoder in one turn of its wheel.
+    pub counts_per_revolution: f32,
+    /// Of a wheel at full power, in metres per second.
+    pub full_speed_m_per_s: f32,
+    /// The share of full power at which a wheel begins to turn.
+    pub friction_power: f32,
+    /// Volts at the battery that read as the converter's full scale.
+    pub battery_full_scale_v: f32,
+    /// Counts over bare floor.
+    pub floor_counts: u16,
+    /// Counts over a line.
+    pub line_counts: u16,
+}
+
 /// Eighths of a turn, counter-clockwise from straight ahead.
 fn eighths(degrees: i32) -> usize {
     degrees.rem_euclid(360) as usize / 45
@@ -285,6 +306,21 @@ impl Robot {
     /// Its board's name.
     pub fn board(&self) -> &str {
         &self.board.name
+    }
+
+    /// What it measures.
+    pub fn measured(&self) -> Measured {
+        let wheels = &self.file.wheels;
+        Measured {
+            wheel_base_m: wheels.base_m,
+            wheel_radius_m: wheels.radius_m,
+            counts_per_revolution: wheels.counts_per_revolution,
+            full_speed_m_per_s: wheels.full_speed_m_per_s,
+            friction_power: wheels.friction_power,
+            battery_full_scale_v: self.file.battery.full_scale_v,
+            floor_counts: self.file.floor.floor_counts,
+            line_counts: self.file.floor.line_counts,
+        }
     }
 
     /// How the board prints the number of a pin.

@@ -3,7 +3,7 @@
     emulate.py FIRMWARE.elf
 
 What is at which pin, the robot's file says: FIRMWARE.toml, where it is there, or else that of the
-shipped rover, robot.toml. The body is always the rover's.
+shipped rover, robot.toml. What is behind the pins is not said here: the body has its own measures.
 
 The firmware runs in rp2040py, which executes its instructions, its PIO programs and its flash
 commands. Named pipes in the working directory lead to the body (plant-request, plant-reply), to

@@ -16,7 +16,7 @@ use crate::host_board::RobotMaker;
 use crate::link_client::LinkClient;
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::PlantSide;
-use crate::plant::{BodyParameters, Plant};
+use crate::plant::Plant;
 use crate::run::board::{LinkWay, RunningBoard};
 use crate::run::interrupt::Interrupt;
 use crate::serial::pty::PtyServer;
@@ -76,7 +76,7 @@ pub fn execute(
     let interrupt = Interrupt::take_over()?;
     let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
     let world = stage::world(args.world.as_deref(), None)?;
-    let plant = Plant::new(world, BodyParameters::default(), args.seed)
+    let plant = Plant::new(world, stage::body(args.firmware.as_deref())?, args.seed)
         .map_err(|error| CommandError::Input(error.into()))?;
     let flash = stage::flash(args.flash.as_deref(), &board)?;
     let plant = PlantSide::new(plant, Pace::new(true), None).with_flash(flash);

@@ -384,6 +384,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
     Ok(Plan {
         flash: None,
         key: Some(robot::key_at(args.key.as_deref())),
+        body: stage::body(args.firmware.as_deref())?,
         world,
         board,
         seed,

@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
 use esm_core::Verified;
+use robot_file::Measured;
+use rt_firmware::rover::Measures;
 
 use super::console::Console;
 use super::exit::CommandError;
@@ -19,6 +21,7 @@ use crate::host_board::{self, RobotMaker};
 use crate::inspect::refusal::Explained;
 use crate::lang::Checked;
 use crate::nearest::nearest;
+use crate::plant::BodyParameters;
 use crate::plant::flash::{Flash, FlashError};
 use crate::qemu::firmware::{self, FirmwareError};
 use crate::run::board::Board;
@@ -68,6 +71,46 @@ pub fn board(
     let firmware = find_firmware_of(board, named_firmware, console)?;
     firmware::check(board, &firmware)?;
     Ok(Board::Emulated { board, firmware })
+}
+
+/// The body of the robot whose firmware is named: of the robot's file that stands beside it, or the
+/// rover's. Wheels slip, motors pull and sonars sit as the rover's do, in proportion.
+///
+/// # Errors
+/// If the robot's file cannot be read or has errors.
+pub fn body(named_firmware: Option<&Path>) -> Result<BodyParameters, CommandError> {
+    let file = named_firmware.map(|firmware| firmware.with_extension("toml"));
+    let Some(file) = file.filter(|file| file.is_file()) else {
+        return Ok(BodyParameters::default());
+    };
+    let text = file::read_text(&file, "robot's file")?;
+    let robot =
+        robot_file::check(&file, &text).map_err(|error| CommandError::Input(error.into()))?;
+    Ok(body_of(&robot.measured()))
+}
+
+/// The body that measures so.
+fn body_of(robot: &Measured) -> BodyParameters {
+    const ROVER: Measures = Measures::ROVER;
+    // Equal measures are the factor 1, and the same body to the last bit.
+    let part = |of: f32, rover: f32| f64::from(of) / f64::from(rover);
+    let base = part(robot.wheel_base_m, ROVER.chassis.wheel_base_m);
+    let wheel = part(robot.wheel_radius_m, Measures::WHEEL_RADIUS_M);
+    let counts = part(robot.counts_per_revolution, Measures::COUNTS_PER_REVOLUTION);
+    let speed = part(robot.full_speed_m_per_s, ROVER.chassis.full_speed_m_per_s);
+    let mut body = BodyParameters::default();
+    body.radius_m *= base;
+    body.wheel_base_m *= base;
+    body.sonar.rim_m *= base;
+    body.floor.ahead_m *= base;
+    body.wheel_radius_m *= wheel;
+    body.counts_per_revolution *= counts;
+    body.motor.speed_rad_per_s_v *= speed / wheel;
+    body.motor.dead_v *= part(robot.friction_power, ROVER.chassis.friction_power);
+    body.battery.full_scale_v *= part(robot.battery_full_scale_v, ROVER.battery_full_scale_v);
+    body.floor.floor_counts += f64::from(robot.floor_counts) - f64::from(ROVER.floor_counts);
+    body.floor.line_counts += f64::from(robot.line_counts) - f64::from(ROVER.line_counts);
+    body
 }
 
 /// The flash that a board's robot has, if it is to be a file.
@@ -340,5 +383,34 @@ mod tests {
                 (Err(error), Ok(_)) => panic!("{asked:?}: {error}"),
             }
         }
+    }
+
+    #[test]
+    fn a_robot_that_measures_as_the_rover_has_its_body() {
+        let rover = Measured {
+            wheel_base_m: Measures::ROVER.chassis.wheel_base_m,
+            wheel_radius_m: Measures::WHEEL_RADIUS_M,
+            counts_per_revolution: Measures::COUNTS_PER_REVOLUTION,
+            full_speed_m_per_s: Measures::ROVER.chassis.full_speed_m_per_s,
+            friction_power: Measures::ROVER.chassis.friction_power,
+            battery_full_scale_v: Measures::ROVER.battery_full_scale_v,
+            floor_counts: Measures::ROVER.floor_counts,
+            line_counts: Measures::ROVER.line_counts,
+        };
+        assert_eq!(body_of(&rover), BodyParameters::default());
+        let smaller = Measured {
+            wheel_base_m: rover.wheel_base_m / 2.0,
+            wheel_radius_m: rover.wheel_radius_m / 2.0,
+            ..rover
+        };
+        let body = body_of(&smaller);
+        let whole = BodyParameters::default();
+        assert_eq!(body.wheel_base_m, whole.wheel_base_m / 2.0);
+        assert_eq!(body.radius_m, whole.radius_m / 2.0);
+        // As fast as before, on wheels of half the size.
+        assert_eq!(
+            body.motor.speed_rad_per_s_v,
+            whole.motor.speed_rad_per_s_v * 2.0
+        );
     }
 }

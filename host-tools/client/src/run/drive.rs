@@ -74,6 +74,8 @@ pub struct Plan {
     /// What bytes on their way to the robot suffer. What it says comes through: a trace with holes
     /// is none.
     pub noise: Option<Noise>,
+    /// The robot's body.
+    pub body: BodyParameters,
     /// The world around the robot.
     pub world: World,
     /// Seed of the plant's noise.
@@ -128,6 +130,7 @@ impl Plan {
             missions,
             replay: None,
             record: None,
+            body: BodyParameters::default(),
             plant_fault: None,
             sonar_breaks: Vec::new(),
             flash: None,
@@ -145,7 +148,7 @@ impl Plan {
             self.board.check_replay(self.link)?;
             check_replay(replay, &self.missions)?;
         }
-        Plant::new(self.world.clone(), BodyParameters::default(), self.seed)?;
+        Plant::new(self.world.clone(), self.body, self.seed)?;
         Ok(())
     }
 }
@@ -334,7 +337,7 @@ impl<W: Write> Driver<W> {
         // A robot measures the silence of its host in its own time: it must not run ahead of the
         // clock by which this program calls.
         let pace = Pace::new(plan.realtime || (calls && plan.link == LinkWay::Uart));
-        let plant = Plant::new(plan.world, BodyParameters::default(), plan.seed)?;
+        let plant = Plant::new(plan.world, plan.body, plan.seed)?;
         let keeps_flash = plan.flash.is_some();
         let flash = plan.flash.unwrap_or_else(|| plan.board.flash_of_a_run());
         let plant = PlantSide::new(plant, Arc::clone(&pace), plan.until_us).with_flash(Some(flash));
