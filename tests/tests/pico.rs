@@ -129,6 +129,23 @@ fn a_robot_with_two_sonars_drives_by_its_file() {
     }
 }
 
+/// Its wheels are smaller than the rover's, and nearer to each other: the body has them so, and the
+/// file says it. Two of the square's corners are half a turn, which no other measures would make.
+#[test]
+fn a_robot_turns_by_the_measures_of_its_file() {
+    chip_firmware("pico");
+    let driven = drive("pico", "square", "empty", 14, EXAMPLE);
+    let end = driven
+        .said
+        .lines()
+        .find(|line| line.contains(" end "))
+        .unwrap();
+    let (_, turned) = end.rsplit_once(" and ").unwrap();
+    let turned: f64 = turned.split('°').next().unwrap().parse().unwrap();
+    assert!((turned.abs() - 180.0).abs() < 4.0, "{end}");
+    assert_eq!(figure(&driven.said, "collisions"), Some(0.0), "{end}");
+}
+
 /// What the chapter says of an upload while the robot drives: a slot begins so much late at most,
 /// in microseconds.
 const LATEST_START_US: f64 = 50.0;
