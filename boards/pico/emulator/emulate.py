@@ -198,11 +198,11 @@ class Motor:
         self.inputs = [PwmInput(chip, pin) for pin in pins]
 
     def duty(self):
-        first, second = (pwm.share() for pwm in self.inputs)
+        first, second = self.inputs
         if self.backwards_is is None:
-            return round(FULL_DUTY * (first - second))
-        backwards = (second > 0.5) == (self.backwards_is == "high")
-        return round(FULL_DUTY * (-first if backwards else first))
+            return round(FULL_DUTY * (first.share() - second.share()))
+        backwards = second.high == (self.backwards_is == "high")
+        return round(FULL_DUTY * (-first.share() if backwards else first.share()))
 
 
 class PwmInput:
