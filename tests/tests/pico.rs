@@ -4,9 +4,19 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+use std::time::Duration;
 
+use esm_link::message::{Mode, ResetReason};
 use esm_tests::command::{chip_firmware, esm, example_of_a_file, figure, root};
+use esm_tests::subject;
+use host_tools::boards;
+use host_tools::link_client::LinkClient;
+use host_tools::lockstep::pace::Pace;
+use host_tools::lockstep::plant_side::PlantSide;
+use host_tools::plant::{BodyParameters, Plant};
 use host_tools::qemu::folder::RunFolder;
+use host_tools::run::board::{Board, LinkWay, RunningBoard};
+use host_tools::world::World;
 use serde_json::Value;
 
 /// Robot time of a run, in seconds.
@@ -38,6 +48,18 @@ const EXAMPLE: &str = "my_pico";
 
 /// Drives a mission on a board.
 fn drive(board: &str, mission: &str, world: &str, until_s: u64, name: &str) -> Driven {
+    drive_by(board, "exchange", mission, world, until_s, name)
+}
+
+/// Drives a mission on a board whose link goes this way.
+fn drive_by(
+    board: &str,
+    way: &str,
+    mission: &str,
+    world: &str,
+    until_s: u64,
+    name: &str,
+) -> Driven {
     let trace: PathBuf = folder().join(format!("{mission}-{world}-{board}-{name}.jsonl"));
     let path = trace.to_str().unwrap();
     let mission = format!("missions/{mission}.esm");
@@ -47,7 +69,7 @@ fn drive(board: &str, mission: &str, world: &str, until_s: u64, name: &str) -> D
         _ => chip_firmware("pico"),
     };
     let mut arguments = vec!["run", &mission, "--board", board, "--world", world];
-    arguments.extend(["--until", &until, "--trace", path]);
+    arguments.extend(["--until", &until, "--trace", path, "--link", way]);
     if board == "pico" {
         arguments.extend(["--firmware", firmware.to_str().unwrap()]);
     }
@@ -150,24 +172,27 @@ fn a_robot_turns_by_the_measures_of_its_file() {
 /// in microseconds.
 const LATEST_START_US: f64 = 50.0;
 
-/// The mission is sent, written into flash and started, while the log and the trace go out.
+/// The mission is sent, written into flash and started, while the log and the trace go out, over
+/// the UART and over USB.
 #[test]
 fn an_upload_while_it_drives_holds_no_slot_back() {
     let firmware = chip_firmware("pico");
-    let mut arguments = vec!["run", "missions/patrol.esm", "--board", "pico"];
-    arguments.extend(["--firmware", firmware.to_str().unwrap(), "--until", "4 s"]);
-    arguments.extend(["--then", "2 s missions/follow_wall.esm"]);
-    let said = esm(&arguments).good().out;
-    assert_eq!(figure(&said, "slots missed"), Some(0.0), "{said}");
-    let uploads = said.lines().filter(|line| line.contains("  upload "));
-    assert_eq!(
-        uploads
-            .filter(|line| line.contains("0 slots missed meanwhile"))
-            .count(),
-        2
-    );
-    let late = figure(&said, "longest dispatch delay");
-    assert!(late <= Some(LATEST_START_US) && late > Some(0.0), "{said}");
+    for way in ["exchange", "usb"] {
+        let mut arguments = vec!["run", "missions/patrol.esm", "--board", "pico"];
+        arguments.extend(["--firmware", firmware.to_str().unwrap(), "--until", "4 s"]);
+        arguments.extend(["--then", "2 s missions/follow_wall.esm", "--link", way]);
+        let said = esm(&arguments).good().out;
+        assert_eq!(figure(&said, "slots missed"), Some(0.0), "{said}");
+        let uploads = said.lines().filter(|line| line.contains("  upload "));
+        assert_eq!(
+            uploads
+                .filter(|line| line.contains("0 slots missed meanwhile"))
+                .count(),
+            2
+        );
+        let late = figure(&said, "longest dispatch delay");
+        assert!(late <= Some(LATEST_START_US) && late > Some(0.0), "{said}");
+    }
 }
 
 const CHAPTER: &str = "docs/src/pico.md";
@@ -216,6 +241,72 @@ fn a_robots_file_that_cannot_be_built_is_told() {
         "`sonars[0].trigger` and `stop_button.pin` are both GP10: give one of them another pin";
     assert!(told.contains(expected), "{told}");
     esm(&["wiring", "no/robot.toml"]).ended(1);
+}
+
+#[test]
+fn missions_are_uploaded_over_each_serial_line_and_run_and_no_slot_is_missed() {
+    let pico = boards::find("pico").unwrap();
+    for way in [LinkWay::Exchange, LinkWay::Usb] {
+        let world = World::parse(include_str!("../../missions/worlds/empty.world"));
+        let plant = Plant::new(world.unwrap(), BodyParameters::default(), 1).unwrap();
+        let plant = PlantSide::new(plant, Pace::new(false), None);
+        let board = Board::Emulated {
+            board: pico,
+            firmware: chip_firmware("pico"),
+        };
+        let (_board, line) = RunningBoard::start(board, &plant, None, way).unwrap();
+        let (mut robot, about) = LinkClient::connect(line).unwrap();
+        assert_eq!(about.board.as_str(), "pico", "{way:?}");
+        // The second while the first one drives.
+        for mission in ["patrol", "follow_wall"] {
+            let blob = subject::build_file(&root().join(format!("missions/{mission}.esm")));
+            let hash = robot.upload(&blob.unwrap().blob, &mut |_| ()).unwrap();
+            robot.attend(Duration::from_millis(200)).unwrap();
+            let status = robot.status().unwrap();
+            assert_eq!(status.mission, Some(hash), "{mission} by {way:?}");
+            assert_eq!(status.mode, Mode::Running, "{mission} by {way:?}");
+            assert!(status.executed > 0, "{mission} by {way:?}");
+            assert_eq!((status.missed, status.reset), (0, ResetReason::PowerOn));
+            println!(
+                "{mission} by {way:?}: {} executed, delay at most {} ns, stack {:?}",
+                status.executed, status.max_delay_ns, status.stack_bytes
+            );
+        }
+    }
+}
+
+#[test]
+fn a_run_over_usb_does_what_one_over_the_uart_does() {
+    let [uart, usb] = ["exchange", "usb"].map(|way| {
+        let name = format!("by-{way}");
+        drive_by("pico", way, "patrol", "office", 4, &name)
+    });
+    let order = |driven: &Driven| -> Vec<(String, String)> {
+        let steps = driven.transitions.iter();
+        steps
+            .map(|(_, from, to)| (from.clone(), to.clone()))
+            .collect()
+    };
+    assert!(usb.transitions.len() > 3);
+    assert_eq!(order(&usb), order(&uart));
+    for driven in [uart, usb] {
+        assert_eq!(figure(&driven.said, "slots missed"), Some(0.0));
+    }
+}
+
+#[test]
+fn a_board_without_usb_has_no_link_over_it() {
+    for command in [
+        &["run", "missions/patrol.esm", "--board", "host"][..],
+        &["board", "--board", "host"],
+    ] {
+        let done = esm(&[command, &["--link", "usb"]].concat()).ended(2);
+        assert!(
+            done.err.contains("the board `host` has no USB"),
+            "{}",
+            done.err
+        );
+    }
 }
 
 #[test]

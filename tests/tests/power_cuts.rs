@@ -17,7 +17,7 @@ use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
 use host_tools::plant::flash::{Flash, PowerCut, Tear};
 use host_tools::plant::{BodyParameters, Plant};
-use host_tools::qemu::{Emulator, Idle};
+use host_tools::qemu::{ChipSerial, Emulator, Idle};
 use host_tools::serial::ByteLink;
 use host_tools::serial::pacing::Paced;
 use host_tools::world::World;
@@ -124,7 +124,13 @@ impl Board {
                 let plant = PlantSide::new(plant, Pace::new(false), None);
                 let (near, line) = line::pair();
                 let elf = chip_firmware("pico");
-                let emulator = Emulator::start_chip(self.about(), &elf, plant, flash.clone(), near);
+                let emulator = Emulator::start_chip(
+                    self.about(),
+                    &elf,
+                    plant,
+                    flash.clone(),
+                    (ChipSerial::Uart, near),
+                );
                 (emulator.unwrap(), Box::new(line))
             }
         }

@@ -1,6 +1,6 @@
 """A Raspberry Pi Pico in an emulator, with a robot's body behind its pins.
 
-    emulate.py FIRMWARE.elf
+    emulate.py FIRMWARE.elf uart|usb
 
 What is at which pin, the robot's file says: FIRMWARE.toml, where it is there, or else that of the
 shipped rover, robot.toml. What is behind the pins is not said here: the body has its own measures.
@@ -8,7 +8,7 @@ shipped rover, robot.toml. What is behind the pins is not said here: the body ha
 The firmware runs in rp2040py, which executes its instructions, its PIO programs and its flash
 commands. Named pipes in the working directory lead to the body (plant-request, plant-reply), to
 what its sonars answer (pulse-request, pulse-reply), to the cells of the flash (flash-request,
-flash-reply), and to the link, which is UART 0 (link-request, link-reply).
+flash-reply), and to the link, which is UART 0 or USB (link-request, link-reply).
 
 What passes between chip and body are levels of pins and voltages, at their times: how long a PWM
 output is high in each of its periods, edges of encoders and echoes, triggers, counts of the
@@ -33,6 +33,7 @@ from rp2040py.execute_batch import execute_batch
 from rp2040py.gpio_pin import GPIOPinState
 from rp2040py.rp2040 import RP2040
 from rp2040py.simulator import Simulator
+from rp2040py.usb.cdc import USBCDC
 from rp2040py.utils.logging import ConsoleLogger, LogLevel
 
 FLASH_AT = 0x1000_0000
@@ -392,18 +393,57 @@ class Store:
         self.cells = bytearray(cells)
 
 
+class UsbHost(USBCDC):
+    """A host that sends a packet when it has something to send, and no empty ones."""
+
+    PACKET_BYTES = 64
+
+    def __init__(self, usb):
+        super().__init__(usb)
+        # Endpoints that have room for a packet, with its bytes.
+        self.rooms = {}
+        self.read = usb.on_endpoint_read
+        usb.on_endpoint_read = self.armed
+
+    def armed(self, endpoint, size):
+        """The device has room for a packet, maybe before it has said what the endpoint is."""
+        if endpoint == 0 or endpoint == self._out_endpoint and not self.tx_fifo.empty:
+            self.read(endpoint, size)
+        else:
+            self.rooms[endpoint] = size
+
+    def give(self, part):
+        for byte in part:
+            self.send_serial_byte(byte)
+        size = self.rooms.pop(self._out_endpoint, None)
+        if size is not None:
+            self.read(self._out_endpoint, size)
+
+    def _on_controller_reset(self):
+        self.rooms = {}
+        super()._on_controller_reset()
+
+
 class Line:
-    """UART 0, whose bytes go by messages, so many in each interval of the chip's time."""
+    """A serial line, whose bytes go by messages, so many in each interval of the chip's time."""
 
     INTERVAL_NS = 3_125_000
     PART_BYTES = 36
 
-    def __init__(self, chip):
+    def __init__(self, chip, kind):
         self.clock = chip.clock
-        self.uart = chip.uart[0]
         self.pipes = Pipes("link")
         self.sent = bytearray()
-        self.uart.on_byte = self.sent.append
+        if kind == "usb":
+            host = UsbHost(chip.usb_ctrl)
+            host.on_serial_data = self.sent.extend
+            self.give = host.give
+            self.at_once = host.PACKET_BYTES
+        else:
+            uart = chip.uart[0]
+            uart.on_byte = self.sent.append
+            self.give = lambda part: uart.feed_byte(part[0])
+            self.at_once = 1
         self.waiting = bytearray()
         self.alarm = self.clock.create_alarm(self.swap)
         self.feeder = self.clock.create_alarm(self.feed)
@@ -422,8 +462,10 @@ class Line:
             self.feed()
 
     def feed(self):
-        """A byte has come down the wire."""
-        self.uart.feed_byte(self.waiting.pop(0))
+        """A byte has come down the wire, or a packet."""
+        part = bytes(self.waiting[: self.at_once])
+        del self.waiting[: self.at_once]
+        self.give(part)
         if self.waiting:
             self.feeder.schedule(BYTE_NS)
 
@@ -437,7 +479,7 @@ def load(chip, firmware):
                 chip.flash[at : at + segment["p_filesz"]] = segment.data()
 
 
-def main(firmware):
+def main(firmware, kind):
     simulator = Simulator()
     chip = simulator.rp2040
     chip.load_bootrom(BOOTROM_B1)
@@ -445,7 +487,7 @@ def main(firmware):
     load(chip, firmware)
     Store(chip)
     Body(chip, Wiring.of(firmware))
-    Line(chip)
+    Line(chip, kind)
 
     def reset():
         chip.enter_reset(from_watchdog=True)
@@ -463,6 +505,6 @@ def main(firmware):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
+    if len(sys.argv) != 3 or sys.argv[2] not in ("uart", "usb"):
         sys.exit(__doc__)
-    sys.exit(main(sys.argv[1]))
+    sys.exit(main(*sys.argv[1:]))

@@ -30,18 +30,27 @@ macro_rules! app {
             use $crate::line::{self, Line, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
             use $crate::pins::{BoardRoverParts, StopPin};
             use $crate::rp2040_hal::pac::Interrupt;
+            use $crate::rp2040_hal::usb::UsbBus;
             use $crate::rp2040_hal::vector_table::VectorTable;
             use $crate::rt_firmware::{
                 About, AnyTaskPool, Background, LinkSide, Mailbox, RealTime, WithStopButton,
             };
             use $crate::slots::SlotBoard;
             use $crate::uart::Uart0;
+            use $crate::usb::Usb;
+            use $crate::usb_device::bus::UsbBusAllocator;
             use $crate::{clock, cortex_m, crash, rtic};
 
             type Banks = [&'static mut (dyn AnyTaskPool + 'static); <$robot>::POOLS];
 
             #[shared]
-            struct Shared {}
+            struct Shared {
+                // The handlers that have these are of one priority.
+                #[lock_free]
+                line: Line,
+                #[lock_free]
+                usb: Usb,
+            }
 
             // The large ones by reference: RTIC moves these on the stack.
             #[local]
@@ -51,12 +60,12 @@ macro_rules! app {
                 background: Background<'static, 'static>,
                 link: &'static mut LinkSide<'static, 'static>,
                 link_end: LinkEnd,
-                line: Line,
                 uart: Uart0,
             }
 
             #[init(local = [
                 vectors: VectorTable = VectorTable::new(),
+                usb_bus: MaybeUninit<UsbBusAllocator<UsbBus>> = MaybeUninit::uninit(),
                 robot: MaybeUninit<$robot> = MaybeUninit::uninit(),
                 banks: MaybeUninit<Banks> = MaybeUninit::uninit(),
                 memory: $crate::Memory<'static> = <$crate::Memory<'static>>::new(),
@@ -68,7 +77,7 @@ macro_rules! app {
                 keep: StoreMemory = StoreMemory::new(),
             ])]
             fn init(cx: init::Context) -> (Shared, Local) {
-                let start = $crate::start(cx.local.vectors, &$wiring);
+                let start = $crate::start(cx.local.vectors, cx.local.usb_bus, &$wiring);
                 let parts = start.parts;
                 let robot = $crate::put(cx.local.robot, || {
                     let make: fn(BoardRoverParts<{ $wiring.sonars.len() }>) -> $robot = $make;
@@ -99,8 +108,11 @@ macro_rules! app {
                 let mut board = start.board;
                 board.start_watchdog();
                 let board = WithStopButton::new(board, parts.stop_button);
-                let uart = parts.uart;
-                (Shared {}, Local { real_time, board, background, link, link_end, line, uart })
+                let (uart, usb) = (parts.uart, start.usb);
+                (
+                    Shared { line, usb },
+                    Local { real_time, board, background, link, link_end, uart },
+                )
             }
 
             #[idle(local = [background])]
@@ -121,9 +133,23 @@ macro_rules! app {
                 rtic::export::pend(Interrupt::SW0_IRQ);
             }
 
-            #[task(binds = UART0_IRQ, priority = 3, local = [line, uart])]
+            #[task(binds = UART0_IRQ, priority = 3, shared = [line], local = [uart])]
             fn wire(cx: wire::Context) {
-                if cx.local.line.serve(cx.local.uart) {
+                if cx.shared.line.serve(cx.local.uart) {
+                    rtic::export::pend(Interrupt::SW0_IRQ);
+                }
+            }
+
+            #[task(binds = USBCTRL_IRQ, priority = 3, shared = [line, usb])]
+            fn usb(cx: usb::Context) {
+                if cx.shared.line.serve(cx.shared.usb) {
+                    rtic::export::pend(Interrupt::SW0_IRQ);
+                }
+            }
+
+            #[task(binds = SW1_IRQ, priority = 3, shared = [line, usb])]
+            fn usb_called(cx: usb_called::Context) {
+                if cx.shared.line.serve(cx.shared.usb) {
                     rtic::export::pend(Interrupt::SW0_IRQ);
                 }
             }

@@ -21,7 +21,7 @@
 //! | priority | interrupt | does |
 //! |---|---|---|
 //! | 4 | timer 0 | the real-time side: slots, interpreter, real-time tasks |
-//! | 3 | UART 0 | bytes between the wire and the queues; listens for stops |
+//! | 3 | UART 0, USB, SW 1 (as SW 0) | bytes between the wires and the queues; listens for stops |
 //! | 2 | SW 0 (no part has it; pended by software) | the link: requests, upload, trace and log streams |
 //! | 0 | none: the idle loop | background tasks; sleep |
 //!
@@ -52,10 +52,13 @@ pub mod pins;
 pub mod slots;
 pub mod sonars;
 pub mod uart;
+pub mod usb;
 pub mod watchdog;
 pub mod wiring;
 
 mod app;
+
+use core::mem::MaybeUninit;
 
 use cortex_m_board::stack;
 use esm_link::message::ResetReason;
@@ -63,16 +66,19 @@ use rp2040_hal::clocks::{ClocksManager, init_clocks_and_plls};
 use rp2040_hal::gpio;
 use rp2040_hal::pac::Peripherals;
 use rp2040_hal::sio::Sio;
+use rp2040_hal::usb::UsbBus;
 use rp2040_hal::vector_table::VectorTable;
+use usb_device::bus::UsbBusAllocator;
 
 pub use pins::Parts;
 use slots::SlotBoard;
+use usb::Usb;
 use wiring::Wiring;
 
 #[doc(hidden)]
 pub use cortex_m_board::put;
 #[doc(hidden)]
-pub use {cortex_m, cortex_m_board, heapless, rp2040_hal, rt_firmware, rtic};
+pub use {cortex_m, cortex_m_board, heapless, rp2040_hal, rt_firmware, rtic, usb_device};
 
 /// Name of the board, as it tells it over the link.
 pub const NAME: &str = "pico";
@@ -104,6 +110,8 @@ pub struct Start<const SONARS: usize> {
     pub board: SlotBoard,
     /// The robot's pins.
     pub parts: Parts<SONARS>,
+    /// USB, the other serial line.
+    pub usb: Usb,
 }
 
 /// Brings up stack paint, clocks, serial line and pins. To be called once, first of all, with
@@ -113,6 +121,7 @@ pub struct Start<const SONARS: usize> {
 /// If it is called again, the crystal does not swing, or two parts have one pin.
 pub fn start<const SONARS: usize>(
     vectors: &'static mut VectorTable,
+    usb_bus: &'static mut MaybeUninit<UsbBusAllocator<UsbBus>>,
     wiring: &Wiring<SONARS>,
 ) -> Start<SONARS> {
     stack::paint();
@@ -140,6 +149,17 @@ pub fn start<const SONARS: usize>(
         panic!("the crystal of {CRYSTAL_HZ} Hz does not swing");
     };
     clock::start(chip.TIMER, &mut chip.RESETS);
+    let clock_hz = peripheral_hz(&clocks);
+    let usb_bus = usb_bus.write(UsbBusAllocator::new(UsbBus::new(
+        chip.USBCTRL_REGS,
+        chip.USBCTRL_DPRAM,
+        clocks.usb_clock,
+        true,
+        &mut chip.RESETS,
+    )));
+    let Some(usb) = Usb::new(usb_bus) else {
+        panic!("the device has room for its texts");
+    };
     let sio = Sio::new(chip.SIO);
     let pins = gpio::Pins::new(
         chip.IO_BANK0,
@@ -154,12 +174,13 @@ pub fn start<const SONARS: usize>(
         adc: chip.ADC,
         uart0: chip.UART0,
     }
-    .into_parts(wiring, pins, peripheral_hz(&clocks), &mut chip.RESETS);
+    .into_parts(wiring, pins, clock_hz, &mut chip.RESETS);
     crash::log_reset(reset);
     Start {
         reset,
         board: SlotBoard::new(watchdog, led),
         parts,
+        usb,
     }
 }
 

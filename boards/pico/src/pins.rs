@@ -73,7 +73,7 @@ pub struct Parts<const SONARS: usize> {
     pub rover: BoardRoverParts<SONARS>,
     /// The button of the emergency stop.
     pub stop_button: StopPin,
-    /// The serial line.
+    /// The serial line on pins.
     pub uart: Uart0,
 }
 
@@ -131,7 +131,8 @@ impl Blocks {
     ) -> (Parts<SONARS>, Led) {
         let _serial = (
             pins.gpio0.into_function::<FunctionUart>(),
-            pins.gpio1.into_function::<FunctionUart>(),
+            // High is silence, also where nothing is plugged in.
+            pins.gpio1.reconfigure::<FunctionUart, PullUp>(),
         );
         let led = pins.gpio25.reconfigure();
         macro_rules! free {

@@ -5,6 +5,8 @@
 use cortex_m_board::line::Wire;
 use rp2040_hal::pac::{RESETS, UART0, uart0};
 
+use crate::line::Speaker;
+
 /// Speed of the line in baud.
 pub const BAUD: u32 = 115_200;
 
@@ -58,12 +60,17 @@ impl Wire for Uart0 {
         if !self.has_received() {
             return None;
         }
-        // The bits above the byte tell of line errors, which the link's checksum finds as well.
-        Some(self.uart.uartdr().read().data().bits())
+        let received = self.uart.uartdr().read();
+        // A byte with a line error goes to the link, whose checksum finds it as well. But nobody
+        // has spoken: the line may have been plugged in.
+        if received.bits() <= u32::from(u8::MAX) {
+            Speaker::Uart.speaks();
+        }
+        Some(received.data().bits())
     }
 
     fn can_send(&mut self) -> bool {
-        self.flags().txff().bit_is_clear()
+        Speaker::Uart.is_answered() && self.flags().txff().bit_is_clear()
     }
 
     fn send(&mut self, byte: u8) {
@@ -72,6 +79,7 @@ impl Wire for Uart0 {
     }
 
     fn want_sent(&mut self, sent: bool) {
+        let sent = sent && Speaker::Uart.is_answered();
         (self.uart.uartimsc()).write(|w| w.rxim().set_bit().rtim().set_bit().txim().bit(sent));
     }
 }

@@ -6,7 +6,7 @@ use std::sync::mpsc::{self, Receiver};
 use std::thread;
 use std::time::Duration;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use esm_link::features::Feature;
 
 use super::console::Console;
@@ -34,6 +34,7 @@ Examples:
   esm board --world corridor
   esm board --flash robot.flash                         # with the missions that it was given before
   esm board --estop                                     # with a button under the Enter key
+  esm board --board pico --link usb                     # over the USB of the emulated chip
   esm upload missions/patrol.esm --port /dev/pts/7      # with the port that `esm board` printed")]
 pub struct BoardArgs {
     /// The board to run on
@@ -54,6 +55,10 @@ pub struct BoardArgs {
     #[arg(long, value_name = "FILE")]
     pub flash: Option<PathBuf>,
 
+    /// The serial line of the board that leads to the port
+    #[arg(long, value_name = "WAY", default_value = "uart")]
+    pub link: BoardLink,
+
     /// Gives the button of the robot's emergency stop to the Enter key: it presses the button, and
     /// lets go of it the next time
     #[arg(long)]
@@ -62,6 +67,24 @@ pub struct BoardArgs {
     /// The firmware to start on an emulated board, instead of the one that the checkout builds
     #[arg(long, value_name = "ELF", env = "ESM_FIRMWARE")]
     pub firmware: Option<PathBuf>,
+}
+
+/// The serial line of a board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum BoardLink {
+    /// Its UART
+    Uart,
+    /// Its USB, where it has one
+    Usb,
+}
+
+impl From<BoardLink> for LinkWay {
+    fn from(link: BoardLink) -> Self {
+        match link {
+            BoardLink::Uart => LinkWay::Uart,
+            BoardLink::Usb => LinkWay::Usb,
+        }
+    }
 }
 
 /// Runs the command. `robot` is what the board `host` has.
@@ -75,12 +98,14 @@ pub fn execute(
 ) -> Result<(), CommandError> {
     let interrupt = Interrupt::take_over()?;
     let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
+    let link = args.link.into();
+    board.check_link(link)?;
     let world = stage::world(args.world.as_deref(), None)?;
     let plant = Plant::new(world, stage::body(args.firmware.as_deref())?, args.seed)
         .map_err(|error| CommandError::Input(error.into()))?;
     let flash = stage::flash(args.flash.as_deref(), &board)?;
     let plant = PlantSide::new(plant, Pace::new(true), None).with_flash(flash);
-    let (mut running, line) = RunningBoard::start(board, &plant, None, LinkWay::Uart)?;
+    let (mut running, line) = RunningBoard::start(board, &plant, None, link)?;
     let line = match &args.flash {
         Some(_) => {
             // Nobody should find out at the next start that nothing was kept.

@@ -155,6 +155,8 @@ pub enum LinkChoice {
     Exchange,
     /// Over the board's emulated UART (the board `host`: a pipe), by the clock on the wall
     Uart,
+    /// Over the emulated board's USB, where it has one; otherwise as `exchange`
+    Usb,
 }
 
 impl From<LinkChoice> for LinkWay {
@@ -162,6 +164,7 @@ impl From<LinkChoice> for LinkWay {
         match choice {
             LinkChoice::Exchange => LinkWay::Exchange,
             LinkChoice::Uart => LinkWay::Uart,
+            LinkChoice::Usb => LinkWay::Usb,
         }
     }
 }
@@ -672,9 +675,9 @@ impl From<BoardError> for CommandError {
     fn from(error: BoardError) -> Self {
         match error {
             BoardError::Host(HostBoardError::Registry(_)) => CommandError::Input(error.into()),
-            BoardError::CannotReplay | BoardError::CannotReplayInStep => {
-                CommandError::Usage(error.into())
-            }
+            BoardError::CannotReplay
+            | BoardError::CannotReplayInStep
+            | BoardError::NoUsb { .. } => CommandError::Usage(error.into()),
             BoardError::Emulator(_) | BoardError::Host(_) => CommandError::World(error.into()),
         }
     }

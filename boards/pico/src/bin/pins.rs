@@ -12,12 +12,16 @@
 #![no_std]
 #![no_main]
 
+use core::mem::MaybeUninit;
+
 use cortex_m_board::line::Wire;
 use cortex_m_rt::entry;
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
+use pico::rp2040_hal::usb::UsbBus;
 use pico::rp2040_hal::vector_table::VectorTable;
 use pico::uart::Uart0;
+use pico::usb_device::bus::UsbBusAllocator;
 use pico::{motors, rt_firmware};
 use rt_firmware::drivers::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
 
@@ -60,7 +64,8 @@ fn drive(
 #[entry]
 fn main() -> ! {
     static mut VECTORS: VectorTable = VectorTable::new();
-    let parts = pico::start(VECTORS, &robot::WIRING).parts;
+    static mut USB_BUS: MaybeUninit<UsbBusAllocator<UsbBus>> = MaybeUninit::uninit();
+    let parts = pico::start(VECTORS, USB_BUS, &robot::WIRING).parts;
     let (mut robot, mut uart) = (parts.rover, parts.uart);
     loop {
         match byte(&mut uart) {

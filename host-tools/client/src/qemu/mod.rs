@@ -139,6 +139,25 @@ fn told(console: &str) -> String {
     }
 }
 
+/// Which serial line of an emulated chip the link goes by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ChipSerial {
+    /// Its UART 0.
+    Uart,
+    /// Its USB, as a CDC device.
+    Usb,
+}
+
+impl ChipSerial {
+    /// As the emulator's script takes it.
+    fn name(self) -> &'static str {
+        match self {
+            ChipSerial::Uart => "uart",
+            ChipSerial::Usb => "usb",
+        }
+    }
+}
+
 /// A running emulator. Dropping it ends the process and removes its folder.
 ///
 /// To be started by a thread that outlives it: the system ends the emulator with the thread that
@@ -229,7 +248,8 @@ impl Emulator {
     }
 
     /// Starts the firmware at `firmware` in the emulator of a chip, with the body of `plant` at its
-    /// pins, `flash` for the cells in which it keeps missions, and its UART 0 at `line`.
+    /// pins, `flash` for the cells in which it keeps missions, and one of its serial lines at
+    /// `line`.
     ///
     /// # Errors
     /// [`EmulatorError`]: what is missing, and what to do.
@@ -238,7 +258,7 @@ impl Emulator {
         firmware: &Path,
         plant: PlantSide,
         flash: Flash,
-        line: BoardEnd,
+        (serial, line): (ChipSerial, BoardEnd),
     ) -> Result<Self, EmulatorError> {
         let system = |what| move |cause| EmulatorError::System { what, cause };
         let path = firmware.to_owned();
@@ -272,7 +292,8 @@ impl Emulator {
             .map_err(system("open the pipes of the link"))?;
         let mut chip = Command::new(python);
         chip.arg(checkout.join("boards").join(board.name).join(script))
-            .arg(&firmware);
+            .arg(&firmware)
+            .arg(serial.name());
         let process = spawn(chip, folder.path())?;
         Ok(Emulator {
             link: Some((line, link)),

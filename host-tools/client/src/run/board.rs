@@ -12,7 +12,7 @@ use crate::host_board::{self, HostBoard, HostBoardError, RobotMaker};
 use crate::link_client::log_lines::{LogReader, LogTableError};
 use crate::lockstep::line;
 use crate::lockstep::plant_side::PlantSide;
-use crate::qemu::{Emulator, EmulatorError, Idle, firmware};
+use crate::qemu::{ChipSerial, Emulator, EmulatorError, Idle, firmware};
 use crate::serial::pacing::Paced;
 use crate::serial::{ByteLink, DEFAULT_BAUD};
 use esm_toolkit::boards;
@@ -59,9 +59,26 @@ impl Board {
     pub fn check_replay(&self, link: LinkWay) -> Result<(), BoardError> {
         match (self, link) {
             (Board::Emulated { .. }, _) => Err(BoardError::CannotReplay),
-            (Board::Host { .. }, LinkWay::Exchange) => Err(BoardError::CannotReplayInStep),
+            (Board::Host { .. }, LinkWay::Exchange | LinkWay::Usb) => {
+                Err(BoardError::CannotReplayInStep)
+            }
             (Board::Host { .. }, LinkWay::Uart) => Ok(()),
         }
+    }
+
+    /// Whether its link can go this way.
+    ///
+    /// # Errors
+    /// [`BoardError::NoUsb`]
+    pub fn check_link(&self, link: LinkWay) -> Result<(), BoardError> {
+        let has_usb = match self {
+            Board::Emulated { board, .. } => firmware::about(board).script().is_some(),
+            Board::Host { .. } => false,
+        };
+        if link == LinkWay::Usb && !has_usb {
+            return Err(BoardError::NoUsb { board: self.name() });
+        }
+        Ok(())
     }
 
     /// What is erased at once in its flash.
@@ -123,6 +140,8 @@ pub enum LinkWay {
     /// Inside the plant exchange, in the board's virtual time: the run repeats to the byte, uploads
     /// included.
     Exchange,
+    /// Over the USB of an emulated chip, in its virtual time, as [`Exchange`](Self::Exchange).
+    Usb,
 }
 
 /// Why a board does not run.
@@ -140,6 +159,12 @@ pub enum BoardError {
     /// A replay says itself when missions take over.
     #[error("a recording is replayed with `--link uart` only")]
     CannotReplayInStep,
+    /// Only an emulated chip has USB.
+    #[error("the board `{board}` has no USB: leave `--link usb` out")]
+    NoUsb {
+        /// The board's name.
+        board: &'static str,
+    },
 }
 
 /// A running board of either kind. Dropping it ends it.
@@ -165,6 +190,7 @@ impl RunningBoard {
         if replay.is_some() {
             board.check_replay(link)?;
         }
+        board.check_link(link)?;
         let flash_bytes = board.flash_bytes();
         match board {
             Board::Host { robot } if link == LinkWay::Exchange => {
@@ -177,7 +203,12 @@ impl RunningBoard {
                 if firmware::about(board).script().is_some() {
                     // Its link always goes by the clock of the chip.
                     let (near, line) = line::pair();
-                    let emulator = Emulator::start_chip(board, &firmware, served, flash, near)?;
+                    let serial = match link {
+                        LinkWay::Usb => ChipSerial::Usb,
+                        LinkWay::Uart | LinkWay::Exchange => ChipSerial::Uart,
+                    };
+                    let emulator =
+                        Emulator::start_chip(board, &firmware, served, flash, (serial, near))?;
                     return Ok((RunningBoard::Emulated(Box::new(emulator)), Box::new(line)));
                 }
                 let answer = move |request: &_| served.exchange(request);

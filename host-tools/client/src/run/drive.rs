@@ -144,6 +144,7 @@ impl Plan {
     /// # Errors
     /// [`RunError`]
     pub fn check(&self) -> Result<(), RunError> {
+        self.board.check_link(self.link)?;
         if let Some(replay) = &self.replay {
             self.board.check_replay(self.link)?;
             check_replay(replay, &self.missions)?;
@@ -476,7 +477,7 @@ impl<W: Write> Driver<W> {
                 .is_some_and(|until_us| self.pace.robot_us() > until_us),
             Some(board) => board.waits_at_gate() && !self.missions_left_in_time(),
         };
-        if !over || self.link == LinkWay::Exchange {
+        if !over || self.link != LinkWay::Uart {
             return over && self.robot.clock().since(self.last_word) > SILENCE_AT_END;
         }
         if self.silent_answers < SILENT_ANSWERS {
@@ -528,7 +529,8 @@ impl<W: Write> Driver<W> {
     fn gate(&self) -> Option<&HostBoard> {
         match (&self.board, self.link) {
             (RunningBoard::Host(board), LinkWay::Uart) => Some(board),
-            (RunningBoard::Host(_), LinkWay::Exchange) | (RunningBoard::Emulated(_), _) => None,
+            (RunningBoard::Host(_), LinkWay::Exchange | LinkWay::Usb)
+            | (RunningBoard::Emulated(_), _) => None,
         }
     }
 
