@@ -407,7 +407,8 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
     });
     if toolchain.has_clippy() && has_component("clippy") {
         tally.step("lints of the pico's firmware", || {
-            firmware::lint(root, &root.join(CHIP_FOLDER), toolchain)
+            let folders = [CHIP_FOLDER, FILE_EXAMPLE_FOLDER];
+            (folders.iter()).try_for_each(|it| firmware::lint(root, &root.join(it), toolchain))
         });
     }
     tally.step("my_pico: firmware", || {
