@@ -483,12 +483,13 @@ fn the_chapter_on_limits_has_the_numbers_of_the_code() {
 }
 
 /// Files of Markdown outside the book that show commands.
-const OTHER_PAGES: [&str; 8] = [
+const OTHER_PAGES: [&str; 9] = [
     "README.md",
     "docs/benchmarks.md",
     "docs/link.md",
     "editors/README.md",
     "editors/vscode/README.md",
+    "examples/my_pico/README.md",
     "examples/my_robot/README.md",
     "missions/README.md",
     "clients/python/README.md",
@@ -585,6 +586,8 @@ fn wrong_with(command: &str, folder: &Path) -> Option<String> {
     match arguments[0].as_str() {
         // It goes on until it is ended: what it is given is looked at before the help is printed.
         "board" => arguments.push("--help".to_owned()),
+        // What the page has built before.
+        "flash" => arguments.retain(|word| !word.ends_with(".elf")),
         // The same run on the host, in hundredths of the time.
         "run" if !command.contains("--board host") => {
             if let Some(place) = arguments.iter().position(|word| word == "--board") {
