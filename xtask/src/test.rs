@@ -162,7 +162,12 @@ fn builds(root: &Path, choice: Choice, tally: &mut Tally) {
 const BESIDE: [&str; 5] = ["faults", "hostile_host", "pico", "ports", "power_cuts"];
 
 /// Where tests of the whole stand, below the checkout: a file, or a folder, each.
-const WHOLE_FOLDERS: [&str; 3] = ["tests/tests", "host-tools/tests", "xtask/tests"];
+const WHOLE_FOLDERS: [&str; 4] = [
+    "tests/tests",
+    "host-tools/tests",
+    "robot-file/tests",
+    "xtask/tests",
+];
 
 /// The names of the tests of the whole, but for those that run [`BESIDE`].
 fn whole_tests(root: &Path) -> Vec<String> {
