@@ -537,3 +537,33 @@ fn compiler(choice: Choice, tally: &mut Tally) -> Option<Toolchain> {
 fn has_component(name: &str) -> bool {
     process::output(process::command(process::host_cargo()).args([name, "--version"])).is_some()
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::{BESIDE, WHOLE_FOLDERS, whole_tests};
+
+    /// Tests that no part runs would pass for ever.
+    #[test]
+    fn every_package_has_its_tests_run() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let manifest = std::fs::read_to_string(root.join("Cargo.toml")).unwrap();
+        let (_, members) = manifest.split_once("members = [").unwrap();
+        let (members, _) = members.split_once(']').unwrap();
+        for member in members.split('"').skip(1).step_by(2) {
+            let folder = format!("{member}/tests");
+            assert!(
+                !root.join(&folder).is_dir() || WHOLE_FOLDERS.contains(&&*folder),
+                "{folder} is not in WHOLE_FOLDERS"
+            );
+        }
+        let names = whole_tests(root);
+        assert!(names.contains(&"files".to_owned()) && names.contains(&"book".to_owned()));
+        assert!(
+            BESIDE
+                .iter()
+                .all(|name| !names.contains(&(*name).to_owned()))
+        );
+    }
+}
