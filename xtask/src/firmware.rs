@@ -198,7 +198,7 @@ fn build_of_file(
     let value = |key: &str| {
         let values = text.lines().filter_map(|line| line.split_once(" = "));
         let found = values.clone().find(|(name, _)| *name == key);
-        found.map(|(_, value)| value.trim_matches('"').to_owned())
+        found.and_then(|(_, value)| Some(value.split('"').nth(1)?.to_owned()))
     };
     let (Some(name), Some(board)) = (value("name"), value("board")) else {
         return Err(Failure::Content {
