@@ -547,7 +547,7 @@ mod tests {
     /// Tests that no part runs would pass for ever.
     #[test]
     fn every_package_has_its_tests_run() {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let root = Path::new("..");
         let manifest = std::fs::read_to_string(root.join("Cargo.toml")).unwrap();
         let (_, members) = manifest.split_once("members = [").unwrap();
         let (members, _) = members.split_once(']').unwrap();
