@@ -4,7 +4,7 @@ use rp2040_hal::gpio::{FunctionNull, PullNone};
 use rp2040_hal::pac::{ADC, RESETS, adc};
 use rt_firmware::drivers::AnalogIn;
 
-use crate::pins::{FreePins, take};
+use crate::free_pins::{FreePins, take};
 
 /// Counts at the reference voltage (12 bits).
 pub const FULL_SCALE: u16 = 4_095;

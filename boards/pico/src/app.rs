@@ -33,7 +33,8 @@ macro_rules! app {
             use $crate::rp2040_hal::usb::UsbBus;
             use $crate::rp2040_hal::vector_table::VectorTable;
             use $crate::rt_firmware::{
-                About, AnyTaskPool, Background, LinkSide, Mailbox, RealTime, WithStopButton,
+                About, AnyTaskPool, Background, Limits, LinkSide, Mailbox, RealTime, WithStopButton,
+                split,
             };
             use $crate::slots::SlotBoard;
             use $crate::uart::Uart0;
@@ -90,11 +91,9 @@ macro_rules! app {
                     ..About::new($firmware, $crate::NAME)
                 };
                 let Sides { real_time, background, link } = sides::make(
-                    (cx.local.real_time_place, cx.local.link_place),
-                    cx.local.memory,
-                    banks,
-                    cx.local.mailbox,
-                    about,
+                    cx.local.real_time_place,
+                    cx.local.link_place,
+                    || split(cx.local.memory, banks, cx.local.mailbox, about, Limits::default()),
                 );
                 let own: Option<&'static [u8]> = [$(&$default_mission[..])?].first().copied();
                 let keep = flash::open(cx.local.keep, own);

@@ -10,6 +10,14 @@ pub use crate::settings::TICKS_PER_US;
 /// start: it feeds the watchdog.
 pub const LONGEST_SLEEP_US: u32 = 100_000;
 
+/// What the system clock of 125 MHz is divided by for the PIO blocks, whole, and 256ths: a state
+/// machine executes two instructions a microsecond.
+pub(crate) const PIO_DIVISOR: (u16, u8) = {
+    const PIO_HZ: u32 = 2_000_000;
+    let in_256ths = 125_000_000 / (PIO_HZ / 256);
+    ((in_256ths / 256) as u16, (in_256ths % 256) as u8)
+};
+
 const ALARM_0: u32 = 1;
 
 /// The timer's registers.

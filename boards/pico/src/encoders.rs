@@ -15,7 +15,8 @@ use rp2040_hal::pio::{
 };
 use rt_firmware::drivers::EncoderCounter;
 
-use crate::pins::{FreePins, PIO_DIVISOR, take};
+use crate::clock::PIO_DIVISOR;
+use crate::free_pins::{FreePins, take};
 use crate::wiring::Wheel;
 
 /// Instructions that a state machine executes from one look at its pins to the next, at most.

@@ -46,6 +46,7 @@ pub mod encoders;
 pub mod flash;
 #[cfg(not(feature = "store"))]
 pub use cortex_m_board::no_flash as flash;
+mod free_pins;
 pub mod line;
 pub mod motors;
 pub mod pins;

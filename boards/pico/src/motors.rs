@@ -11,7 +11,7 @@ use rp2040_hal::gpio::{DynPinId, FunctionPwm, FunctionSioOutput, Pin, PullDown};
 use rp2040_hal::pac::{PWM, RESETS, pwm as registers};
 use rp2040_hal::pwm::Slices;
 
-use crate::pins::{FreePins, take};
+use crate::free_pins::{FreePins, take};
 use crate::wiring::Bridge;
 
 /// Frequency of the PWM in hertz.

@@ -5,8 +5,8 @@ use core::convert::Infallible;
 
 use embedded_hal::digital::{self, InputPin};
 use rp2040_hal::gpio::{
-    self, DynPinId, FunctionNull, FunctionSioInput, FunctionSioOutput, FunctionUart, Pin, PullDown,
-    PullNone, PullUp,
+    self, DynPinId, FunctionSioInput, FunctionSioOutput, FunctionUart, Pin, PullDown, PullNone,
+    PullUp,
 };
 use rp2040_hal::pac::{ADC, PIO0, PIO1, PWM, RESETS, UART0};
 use rp2040_hal::pio::{SM0, SM1};
@@ -14,18 +14,11 @@ use rt_firmware::rover::{Rover, RoverParts};
 
 use crate::analog::{self, Input};
 use crate::encoders::{self, Counter};
+use crate::free_pins::{FreePins, take};
 use crate::motors::{self, Direction, Power};
 use crate::sonars::{self, Echo, Trigger};
 use crate::uart::Uart0;
 use crate::wiring::{Button, Wiring};
-
-/// What the system clock of 125 MHz is divided by for the PIO blocks, whole, and 256ths: a state
-/// machine executes two instructions a microsecond.
-pub(crate) const PIO_DIVISOR: (u16, u8) = {
-    const PIO_HZ: u32 = 2_000_000;
-    let in_256ths = 125_000_000 / (PIO_HZ / 256);
-    ((in_256ths / 256) as u16, (in_256ths % 256) as u8)
-};
 
 /// The rover's parts on this board.
 pub type BoardRoverParts<const SONARS: usize> = RoverParts<
@@ -77,37 +70,6 @@ pub struct Parts<const SONARS: usize> {
     pub uart: Uart0,
 }
 
-/// Pins that have no part yet.
-pub(crate) struct FreePins([Option<FreePin>; 30]);
-
-/// A pin that has no part yet.
-type FreePin = Pin<DynPinId, FunctionNull, PullDown>;
-
-impl FreePins {
-    /// Gives a pin to a part: see [`take!`].
-    pub(crate) fn take(&mut self, pin: u8) -> FreePin {
-        let free = self.0.get_mut(usize::from(pin)).and_then(Option::take);
-        let Some(free) = free else {
-            panic!("GP{pin} has another part, or is none of a robot's");
-        };
-        free
-    }
-}
-
-/// Gives a pin to a part, with this function and pull.
-///
-/// # Panics
-/// If another part has it: where a robot's file was checked, none has.
-macro_rules! take {
-    ($pins:expr, $pin:expr, $function:ty, $pull:ty) => {{
-        let Ok(pin) = $pins.take($pin).try_into_function::<$function>() else {
-            panic!("every pin of a robot's can be that");
-        };
-        pin.into_pull_type::<$pull>()
-    }};
-}
-pub(crate) use take;
-
 /// The chip's blocks that pins belong to.
 pub(crate) struct Blocks {
     pub(crate) pwm: PWM,
@@ -129,25 +91,13 @@ impl Blocks {
         peripheral_hz: u32,
         resets: &mut RESETS,
     ) -> (Parts<SONARS>, Led) {
+        let (mut free, own) = FreePins::of(pins);
         let _serial = (
-            pins.gpio0.into_function::<FunctionUart>(),
+            own.transmit.into_function::<FunctionUart>(),
             // High is silence, also where nothing is plugged in.
-            pins.gpio1.reconfigure::<FunctionUart, PullUp>(),
+            own.receive.reconfigure::<FunctionUart, PullUp>(),
         );
-        let led = pins.gpio25.reconfigure();
-        macro_rules! free {
-            ($($number:literal: $pin:ident),* $(,)?) => {{
-                let mut free = FreePins([const { None }; 30]);
-                $(free.0[$number] = Some(pins.$pin.into_dyn_pin());)*
-                free
-            }};
-        }
-        let mut free = free!(
-            2: gpio2, 3: gpio3, 4: gpio4, 5: gpio5, 6: gpio6, 7: gpio7, 8: gpio8, 9: gpio9,
-            10: gpio10, 11: gpio11, 12: gpio12, 13: gpio13, 14: gpio14, 15: gpio15, 16: gpio16,
-            17: gpio17, 18: gpio18, 19: gpio19, 20: gpio20, 21: gpio21, 22: gpio22, 26: gpio26,
-            27: gpio27, 28: gpio28,
-        );
+        let led = own.led.reconfigure();
         let Wiring { left, right, .. } = wiring;
         let [(left_pwm, left_direction), (right_pwm, right_direction)] =
             motors::start([left.motor, right.motor], &mut free, self.pwm, resets);

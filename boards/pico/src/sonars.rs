@@ -22,7 +22,8 @@ use rp2040_hal::pio::{
 };
 use rt_firmware::drivers::{EchoPulse, EchoTimer};
 
-use crate::pins::{FreePins, PIO_DIVISOR, take};
+use crate::clock::PIO_DIVISOR;
+use crate::free_pins::{FreePins, take};
 use crate::wiring::Sonar;
 
 /// State machines that time echoes.
