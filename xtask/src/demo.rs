@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::firmware::{self, DEFAULT_BIN};
-use crate::process::{self, Beside, Failure, cargo, make_folder};
+use crate::process::{self, Beside, Failure, make_folder};
 use crate::setup::{self, Choice};
 
 /// Where the demo's pictures and traces go, below the checkout.
@@ -33,14 +33,7 @@ pub fn command(root: &Path, choice: Choice) -> Result<(), Failure> {
         Beside::start(what, &mut command, log)
     };
     let set_up = beside("set-up: emulator and compiler for the board", &["setup"])?;
-    process::run(cargo(root).args([
-        "build",
-        "--release",
-        "--package",
-        "host-tools",
-        "--bin",
-        "esm",
-    ]))?;
+    process::run(&mut process::esm_build(root))?;
     println!("2/4 The robot on the host board: its firmware as a program of this machine");
     drive_on_host(root)?;
     println!("3/4 Firmware for the emulated board (the first time takes minutes)");

@@ -88,8 +88,24 @@ pub fn build_for(
     toolchain: &Toolchain,
     bins: &[String],
 ) -> Result<Vec<PathBuf>, Failure> {
-    let folder = root.join("boards").join(board);
-    let target = setting(&folder, "target")?;
+    build_on(
+        root,
+        &root.join("boards").join(board),
+        board,
+        toolchain,
+        bins,
+    )
+}
+
+/// Builds `bins` of the crate in `folder` for the board of that name.
+fn build_on(
+    root: &Path,
+    folder: &Path,
+    board: &str,
+    toolchain: &Toolchain,
+    bins: &[String],
+) -> Result<Vec<PathBuf>, Failure> {
+    let target = setting(&root.join("boards").join(board), "target")?;
     if target != BOARD_TARGET {
         setup::another_target(toolchain, &target)?;
     }
@@ -98,7 +114,14 @@ pub fn build_for(
         target: &target,
     };
     let features = Features::Default;
-    build_in(root, &folder, for_board, toolchain, RELEASE, bins, features)
+    build_in(root, folder, for_board, toolchain, RELEASE, bins, features)
+}
+
+/// The text between quotes behind `key = ` in a file of settings.
+fn quoted(text: &str, key: &str) -> Option<String> {
+    let mut values = text.lines().filter_map(|line| line.split_once(" = "));
+    let (_, value) = values.find(|(name, _)| *name == key)?;
+    value.split('"').nth(1).map(str::to_owned)
 }
 
 /// A text of a board's `board.toml`.
@@ -110,13 +133,10 @@ fn setting(folder: &Path, key: &str) -> Result<String, Failure> {
             folder.file_name().unwrap_or_default().display()
         )));
     };
-    let values = text.lines().filter_map(|line| line.split_once(" = "));
-    let found = values.clone().find(|(name, _)| *name == key);
-    let (_, value) = found.ok_or(Failure::Content {
+    quoted(&text, key).ok_or(Failure::Content {
         path: file,
         problem: "lacks a setting that every board has",
-    })?;
-    Ok(value.trim_matches('"').to_owned())
+    })
 }
 
 /// Builds the board's default firmware without its features; returns where its ELF file is.
@@ -195,29 +215,15 @@ fn build_of_file(
         path: file.to_owned(),
         cause,
     })?;
-    let value = |key: &str| {
-        let values = text.lines().filter_map(|line| line.split_once(" = "));
-        let found = values.clone().find(|(name, _)| *name == key);
-        found.and_then(|(_, value)| Some(value.split('"').nth(1)?.to_owned()))
-    };
-    let (Some(name), Some(board)) = (value("name"), value("board")) else {
+    let (Some(name), Some(board)) = (quoted(&text, "name"), quoted(&text, "board")) else {
         return Err(Failure::Content {
             path: file.to_owned(),
             problem: "has no `name = \"…\"` or no `board = \"…\"`; `esm wiring` checks it",
         });
     };
-    let target = setting(&root.join("boards").join(&board), "target")?;
-    if target != BOARD_TARGET {
-        setup::another_target(toolchain, &target)?;
-    }
-    let for_board = Board {
-        name: &board,
-        target: &target,
-    };
     let named = [name];
     let bins = if bins.is_empty() { &named } else { bins };
-    let features = Features::Default;
-    let built = build_in(root, folder, for_board, toolchain, RELEASE, bins, features)?;
+    let built = build_on(root, folder, &board, toolchain, bins)?;
     for firmware in &built {
         let beside = firmware.with_extension("toml");
         std::fs::copy(file, &beside).map_err(|cause| Failure::File {

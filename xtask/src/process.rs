@@ -168,6 +168,14 @@ pub fn cargo(folder: &Path) -> Command {
     cargo
 }
 
+/// A build of the command `esm` as users have it, optimised.
+pub fn esm_build(root: &Path) -> Command {
+    const PROGRAM: [&str; 4] = ["--package", "host-tools", "--bin", "esm"];
+    let mut build = cargo(root);
+    build.args(["build", "--release"]).args(PROGRAM);
+    build
+}
+
 /// The command as a person would type it.
 pub fn shown(command: &Command) -> String {
     let mut words: Vec<_> = std::iter::once(command.get_program())

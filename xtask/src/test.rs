@@ -105,21 +105,11 @@ fn all(root: &Path, choice: Choice, tally: &mut Tally) {
     tally.join(libraries);
 }
 
-/// Builds the command as the demo has it.
-const BUILD_ESM: [&str; 6] = [
-    "build",
-    "--release",
-    "--package",
-    "host-tools",
-    "--bin",
-    "esm",
-];
-
 /// A second build compiles nothing. A build script that names a file that is not there would have
 /// its package compiled at each call of `cargo run`.
 fn built_already(root: &Path) -> Result<(), Failure> {
-    let mut again = cargo(root);
-    again.args(BUILD_ESM).args(["--message-format", "json"]);
+    let mut again = process::esm_build(root);
+    again.args(["--message-format", "json"]);
     let told = process::printed(&mut again, true)?;
     let compiled: Vec<&str> = told
         .lines()
@@ -138,7 +128,7 @@ fn built_already(root: &Path) -> Result<(), Failure> {
 /// What is built optimised: the command, and firmware, with its sizes and lints.
 fn builds(root: &Path, choice: Choice, tally: &mut Tally) {
     tally.step("the command esm, optimised", || {
-        process::run(cargo(root).args(BUILD_ESM))
+        process::run(&mut process::esm_build(root))
     });
     tally.step("the command esm, built once more: nothing to do", || {
         built_already(root)
