@@ -8,9 +8,9 @@ use crate::{Motor, PwmAndDirection, Robot, TwoInputs, eighths};
 const MOST_SONARS: usize = 8;
 
 /// A pin, and what it is for, as the file names it.
-pub(crate) struct Use {
-    pub(crate) pin: u8,
-    pub(crate) part: String,
+struct Use {
+    pin: u8,
+    part: String,
 }
 
 /// All that is wrong.
@@ -83,11 +83,11 @@ fn measures(robot: &Robot) -> Vec<String> {
 }
 
 /// Every pin's part; that of an echo pin is of its first sonar.
-pub(crate) fn uses(robot: &Robot) -> Vec<Use> {
+fn uses(robot: &Robot) -> Vec<Use> {
     let file = &robot.file;
     let mut uses = Vec::new();
     let mut add = |pin: u8, part: String| uses.push(Use { pin, part });
-    for (side, wheel) in [("left", &file.left), ("right", &file.right)] {
+    for (side, wheel) in file.sides() {
         match wheel.motor {
             Motor::TwoInputs(TwoInputs {
                 forwards,
@@ -104,23 +104,15 @@ pub(crate) fn uses(robot: &Robot) -> Vec<Use> {
         add(wheel.encoder.a, format!("{side}.encoder.a"));
         add(wheel.encoder.b, format!("{side}.encoder.b"));
     }
-    let mut echoes = Vec::new();
     for (place, sonar) in file.sonars.iter().enumerate() {
         add(sonar.trigger, format!("sonars[{place}].trigger"));
-        if !echoes.contains(&sonar.echo) {
-            echoes.push(sonar.echo);
-            add(sonar.echo, format!("sonars[{place}].echo"));
-        }
+    }
+    for (pin, places) in file.echoes() {
+        add(pin, format!("sonars[{}].echo", places[0]));
     }
     add(file.battery.pin, "battery.pin".to_owned());
-    for (place, pin) in [
-        ("left", file.floor.left),
-        ("middle", file.floor.middle),
-        ("right", file.floor.right),
-    ] {
-        if let Some(pin) = pin {
-            add(pin, format!("floor.{place}"));
-        }
+    for (place, pin) in file.floor.sensors() {
+        add(pin, format!("floor.{place}"));
     }
     add(file.stop_button.pin, "stop_button.pin".to_owned());
     uses
@@ -175,7 +167,7 @@ fn pins(robot: &Robot) -> Vec<String> {
             ));
         }
     }
-    for (side, wheel) in [("left", &robot.file.left), ("right", &robot.file.right)] {
+    for (side, wheel) in robot.file.sides() {
         if wheel.encoder.a.abs_diff(wheel.encoder.b) != 1 {
             problems.push(format!(
                 "`{side}.encoder` is at {} and {}: its pins lie beside each other, as 6 and 7 do",
@@ -213,9 +205,7 @@ fn sonars(robot: &Robot) -> Vec<String> {
             }
         }
     }
-    let mut echoes: Vec<u8> = sonars.iter().map(|sonar| sonar.echo).collect();
-    echoes.sort_unstable();
-    echoes.dedup();
+    let echoes = robot.file.echoes();
     if echoes.len() > robot.pins.echo_pins {
         problems.push(format!(
             "the sonars have {} echo pins, and the board {} times {}: let neighbours share one",

@@ -53,7 +53,6 @@ pub const MEASURES: {board}::rt_firmware::rover::Measures<{sonars}> = {{
 
 /// Which pin is what.
 pub const WIRING: {board}::wiring::Wiring<{sonars}> = {{
-    #[allow(unused_imports)]
     use {board}::wiring::{{Bridge, Button, Sonar, Wheel, Wiring}};
     Wiring {{
         left: {},

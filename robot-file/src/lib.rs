@@ -166,6 +166,38 @@ struct Button {
     pressed: Level,
 }
 
+impl RobotFile {
+    /// The wheels, and on which side each is.
+    fn sides(&self) -> [(&'static str, &Wheel); 2] {
+        [("left", &self.left), ("right", &self.right)]
+    }
+
+    /// The echo pins in the order of their first sonars, and the places of the sonars of each.
+    fn echoes(&self) -> Vec<(u8, Vec<usize>)> {
+        let mut echoes: Vec<(u8, Vec<usize>)> = Vec::new();
+        for (place, sonar) in self.sonars.iter().enumerate() {
+            match echoes.iter_mut().find(|(pin, _)| *pin == sonar.echo) {
+                Some((_, places)) => places.push(place),
+                None => echoes.push((sonar.echo, vec![place])),
+            }
+        }
+        echoes
+    }
+}
+
+impl Floor {
+    /// The sensors that there are: where each looks, and its pin.
+    fn sensors(&self) -> impl Iterator<Item = (&'static str, u8)> {
+        [
+            ("left", self.left),
+            ("middle", self.middle),
+            ("right", self.right),
+        ]
+        .into_iter()
+        .filter_map(|(place, pin)| Some((place, pin?)))
+    }
+}
+
 /// What `board.toml` says of a board; the rest is of others.
 #[derive(Clone, Debug, Deserialize)]
 struct Board {

@@ -79,11 +79,8 @@ impl Robot {
         text(&mut svg, (x, y + 84.0), &battery);
         let button = [format!("stop {}", self.pin(file.stop_button.pin))];
         text(&mut svg, (x, y + 108.0), &button);
-        let floor = [file.floor.left, file.floor.middle, file.floor.right];
-        let floor: Vec<String> = floor
-            .into_iter()
-            .flatten()
-            .map(|pin| self.pin(pin))
+        let floor: Vec<String> = (file.floor.sensors())
+            .map(|(_, pin)| self.pin(pin))
             .collect();
         if !floor.is_empty() {
             text(

@@ -3,7 +3,7 @@
 use crate::{Level, Motor, PwmAndDirection, Robot, TwoInputs};
 
 /// Names of directions, counter-clockwise from straight ahead.
-pub(crate) const DIRECTIONS: [&str; 8] = [
+const DIRECTIONS: [&str; 8] = [
     "ahead",
     "ahead left",
     "left",
@@ -40,7 +40,7 @@ impl Robot {
         let mut add = |pins: &[u8], part: String| {
             rows.push((pins[0], self.row(pins, &part)));
         };
-        for (side, wheel) in [("left", &file.left), ("right", &file.right)] {
+        for (side, wheel) in file.sides() {
             match wheel.motor {
                 Motor::TwoInputs(TwoInputs {
                     forwards,
@@ -73,36 +73,25 @@ impl Robot {
                 &[sonar.trigger],
                 format!("sonar {place} ({direction}): trigger"),
             );
-            let is_first = file.sonars[..place]
-                .iter()
-                .all(|earlier| earlier.echo != sonar.echo);
-            if is_first {
-                let its = file.sonars.iter().enumerate();
-                let its = its.filter(|(_, other)| other.echo == sonar.echo);
-                let its: Vec<String> = its.map(|(place, _)| place.to_string()).collect();
-                let part = match its.len() {
-                    1 => format!("sonar {place}: echo, behind its divider"),
-                    _ => format!(
-                        "sonars {}: echo, behind dividers and diodes",
-                        its.join(" and ")
-                    ),
-                };
-                add(&[sonar.echo], part);
-            }
+        }
+        for (pin, places) in file.echoes() {
+            let part = match &places[..] {
+                [place] => format!("sonar {place}: echo, behind its divider"),
+                _ => {
+                    let places: Vec<String> = places.iter().map(usize::to_string).collect();
+                    let places = places.join(" and ");
+                    format!("sonars {places}: echo, behind dividers and diodes")
+                }
+            };
+            add(&[pin], part);
         }
         let volts = file.battery.full_scale_v;
         add(
             &[file.battery.pin],
             format!("battery, behind a divider: full scale is {volts} V"),
         );
-        for (place, pin) in [
-            ("left", file.floor.left),
-            ("middle", file.floor.middle),
-            ("right", file.floor.right),
-        ] {
-            if let Some(pin) = pin {
-                add(&[pin], format!("line sensor: {place}"));
-            }
+        for (place, pin) in file.floor.sensors() {
+            add(&[pin], format!("line sensor: {place}"));
         }
         let to = match file.stop_button.pressed {
             Level::Low => "ground",
