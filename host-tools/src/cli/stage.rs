@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
 use esm_core::Verified;
-use robot_file::Measured;
+use robot_file::{Measured, Robot};
 use rt_firmware::rover::Measures;
 
 use super::console::Console;
@@ -83,10 +83,16 @@ pub fn body(named_firmware: Option<&Path>) -> Result<BodyParameters, CommandErro
     let Some(file) = file.filter(|file| file.is_file()) else {
         return Ok(BodyParameters::default());
     };
-    let text = file::read_text(&file, "robot's file")?;
-    let robot =
-        robot_file::check(&file, &text).map_err(|error| CommandError::Input(error.into()))?;
-    Ok(body_of(&robot.measured()))
+    Ok(body_of(&robot(&file)?.measured()))
+}
+
+/// The robot of a file.
+///
+/// # Errors
+/// If it cannot be read or has errors.
+pub fn robot(file: &Path) -> Result<Robot, CommandError> {
+    let text = file::read_text(file, "robot's file")?;
+    robot_file::check(file, &text).map_err(|error| CommandError::Input(error.into()))
 }
 
 /// The body that measures so.

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::console::Console;
 use super::exit::CommandError;
-use super::file;
+use super::{file, stage};
 
 /// Checks a robot's file, and shows which pin is what
 ///
@@ -16,7 +16,7 @@ use super::file;
 #[command(after_help = "\
 Examples:
   esm wiring boards/pico/robot.toml
-  esm wiring my_robot/robot.toml --svg wiring.svg")]
+  esm wiring examples/my_pico/robot.toml --svg wiring.svg")]
 pub struct WiringArgs {
     /// The robot's file
     #[arg(value_name = "ROBOT.toml")]
@@ -32,15 +32,13 @@ pub struct WiringArgs {
 /// # Errors
 /// If the file cannot be read, what it says cannot be built, or the picture cannot be written.
 pub fn execute(args: &WiringArgs, console: &mut Console) -> Result<(), CommandError> {
-    let text = file::read_text(&args.file, "robot's file")?;
-    let robot =
-        robot_file::check(&args.file, &text).map_err(|error| CommandError::Input(error.into()))?;
+    if let Some(picture) = &args.svg {
+        file::keep_sources(picture, [args.file.as_path()])?;
+    }
+    let robot = stage::robot(&args.file)?;
     console.text(&robot.wiring())?;
     match &args.svg {
-        Some(picture) => {
-            file::keep_sources(picture, [args.file.as_path()])?;
-            file::write_whole(picture, robot.picture().as_bytes(), "picture")
-        }
+        Some(picture) => file::write_whole(picture, robot.picture().as_bytes(), "picture"),
         None => Ok(()),
     }
 }
