@@ -2,9 +2,7 @@
 
 use core::mem::MaybeUninit;
 
-use rt_firmware::{
-    About, AnyTaskPool, Background, Limits, LinkSide, Mailbox, Memory, RealTime, split,
-};
+use rt_firmware::{Background, LinkSide, RealTime, RegistryFault};
 
 /// The sides of a runtime: for the slot timer's interrupt, for the idle loop, for the link's task.
 /// The large ones by reference: RTIC moves what it is given on the stack.
@@ -17,40 +15,19 @@ pub struct Sides {
     pub link: &'static mut LinkSide<'static, 'static>,
 }
 
-/// Makes a runtime of its memory and a robot's banks, and puts its sides into their places.
+/// Makes a runtime, and puts its sides into their places. `split` is a call of
+/// [`split`](rt_firmware::split) with the memory and the banks of a robot.
 ///
 /// # Panics
 /// If two tasks have one name, or two port types do.
 // Not inlined, so that what making them takes of the stack is given back.
 #[inline(never)]
-pub fn make<
-    const BLOB_BYTES: usize,
-    const ARENA_WORDS: usize,
-    const SLOTS: usize,
-    const TASKS: usize,
-    const NETS: usize,
-    const GROUPS: usize,
-    const TRACE_BYTES: usize,
->(
-    (real_time_place, link_place): (
-        &'static mut MaybeUninit<RealTime<'static, 'static>>,
-        &'static mut MaybeUninit<LinkSide<'static, 'static>>,
-    ),
-    memory: &'static mut Memory<
-        'static,
-        BLOB_BYTES,
-        ARENA_WORDS,
-        SLOTS,
-        TASKS,
-        NETS,
-        GROUPS,
-        TRACE_BYTES,
-    >,
-    banks: &'static mut [&'static mut (dyn AnyTaskPool + 'static)],
-    mailbox: &'static mut Mailbox<'static>,
-    about: About<'static>,
+pub fn make(
+    real_time_place: &'static mut MaybeUninit<RealTime<'static, 'static>>,
+    link_place: &'static mut MaybeUninit<LinkSide<'static, 'static>>,
+    split: impl FnOnce() -> Result<rt_firmware::Sides<'static, 'static>, RegistryFault>,
 ) -> Sides {
-    match split(memory, banks, mailbox, about, Limits::default()) {
+    match split() {
         Ok((real_time, background, link)) => Sides {
             real_time: real_time_place.write(real_time),
             background,

@@ -70,7 +70,7 @@ macro_rules! app {
             use $crate::pac::Interrupt;
             use $crate::rt_firmware::retained_ram::CrashCause;
             use $crate::rt_firmware::{
-                About, AnyTaskPool, Background, LinkSide, Mailbox, RealTime,
+                About, AnyTaskPool, Background, Limits, LinkSide, Mailbox, RealTime, split,
             };
             use $crate::{cortex_m, post_mortem, rtic, slot_timer, uart, watchdog};
 
@@ -118,11 +118,9 @@ macro_rules! app {
                     ..About::new($firmware, $crate::NAME)
                 };
                 let Sides { real_time, background, link } = sides::make(
-                    (cx.local.real_time_place, cx.local.link_place),
-                    cx.local.memory,
-                    banks,
-                    cx.local.mailbox,
-                    about,
+                    cx.local.real_time_place,
+                    cx.local.link_place,
+                    || split(cx.local.memory, banks, cx.local.mailbox, about, Limits::default()),
                 );
                 let default_mission: Option<&'static [u8]> = [$(&$default_mission[..])?].first().copied();
                 let keep = flash::open(cx.local.keep, default_mission);
