@@ -30,22 +30,13 @@ const FLASHING: [&str; 5] = [
 type Settings = BTreeMap<(String, String), String>;
 
 fn main() {
-    // Relative to this package, so that a build that was moved with its checkout does not look at
-    // the old place.
     let boards = Path::new("../../boards");
     // Changes when a board is added or removed.
     println!("cargo:rerun-if-changed={}", boards.display());
     println!("cargo:rerun-if-changed=build.rs");
-    let entries = fs::read_dir(boards).expect("the boards stand in the checkout");
-    let mut files: Vec<PathBuf> = entries
-        .filter_map(|entry| Some(entry.ok()?.path().join("board.toml")))
-        .filter(|file| file.is_file())
-        .collect();
-    files.sort();
     let mut list = String::from("[\n");
     let mut defaults = Vec::new();
-    for file in &files {
-        println!("cargo:rerun-if-changed={}", file.display());
+    for file in &board_settings::board_files(boards) {
         let settings = settings(file);
         if settings
             .get(&key("", "default"))

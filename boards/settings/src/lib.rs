@@ -1,4 +1,4 @@
-//! For the build scripts of boards: the numbers of `board.toml` as constants.
+//! For build scripts: the numbers of `board.toml` as constants, and where each `board.toml` is.
 
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -54,6 +54,22 @@ pub fn write() {
         constants(board, is_lean) + MEMORY,
     )
     .expect("OUT_DIR can be written to");
+}
+
+/// The `board.toml` of each board in a folder, in order; cargo is told to look at them. The folder
+/// is relative to the package, so that a build that was moved with its checkout does not look at
+/// the old place.
+pub fn board_files(boards: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(boards).expect("the boards stand in the checkout");
+    let mut files: Vec<PathBuf> = entries
+        .filter_map(|entry| Some(entry.ok()?.path().join("board.toml")))
+        .filter(|file| file.is_file())
+        .collect();
+    files.sort();
+    for file in &files {
+        println!("cargo:rerun-if-changed={}", file.display());
+    }
+    files
 }
 
 /// Puts a linker script where the linker looks for it. `from` is relative to the package, so that a
