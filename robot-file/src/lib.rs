@@ -340,6 +340,12 @@ impl Robot {
         &self.board.name
     }
 
+    /// Where each sonar looks, in eighths of a turn, counter-clockwise from straight ahead.
+    pub fn sonars_look(&self) -> Vec<usize> {
+        let looks = |sonar: &Sonar| eighths(sonar.looks_deg);
+        self.file.sonars.iter().map(looks).collect()
+    }
+
     /// What it measures.
     pub fn measured(&self) -> Measured {
         let wheels = &self.file.wheels;

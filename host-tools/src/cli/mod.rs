@@ -46,6 +46,7 @@ pub mod replay;
 pub mod robot;
 pub mod run;
 pub mod schedule;
+mod sensors;
 pub mod sim;
 pub mod stage;
 pub mod start;

@@ -13,7 +13,7 @@ use thiserror::Error;
 use super::argument::{Time, TimeError};
 use super::console::{self, Console, Progress};
 use super::exit::CommandError;
-use super::{file, robot, stage};
+use super::{file, robot, sensors, stage};
 use crate::host_board::{HostBoardError, RobotMaker};
 use crate::keys;
 use crate::link_client::ClientError;
@@ -45,6 +45,7 @@ Examples:
   esm run missions/on_a_lead.esm --cut-link '5 s' --until '10 s'
   esm run missions/patrol.esm --estop '5 s' --until '10 s'
   esm run missions/patrol.esm --break 'sonar 0 dead at 10 s' --until '20 s'
+  esm run missions/wall_rules.esm --board host --sensors ranges.csv --trace decisions.jsonl
   esm run missions/patrol.esm --record patrol.rec --until '60 s'
   esm run missions/patrol.esm --board host --replay patrol.rec --until '60 s'")]
 pub struct RunArgs {
@@ -60,6 +61,12 @@ pub struct RunArgs {
     /// or `empty` [default: office]
     #[arg(long, value_name = "WORLD")]
     pub world: Option<PathBuf>,
+
+    /// Feeds the sonars with recorded ranges instead of those of a world: a column a sonar of the
+    /// mission, a row a period, in metres, nothing where a sonar did not answer. The run ends after
+    /// the last row
+    #[arg(long, value_name = "CSV", conflicts_with = "world")]
+    pub sensors: Option<PathBuf>,
 
     /// Robot time after which the run ends, such as '60 s'; without it, Ctrl-C does
     #[arg(long, value_name = "TIME")]
@@ -319,7 +326,14 @@ fn keep_files(args: &RunArgs) -> Result<(), CommandError> {
     let key = keys::path(args.key.as_deref()).ok();
     let mut inputs = vec![args.file.as_path()];
     inputs.extend(args.then.iter().map(|then| then.file.as_path()));
-    let named = [&args.replay, &args.world, &args.flash, &key, &args.firmware];
+    let named = [
+        &args.replay,
+        &args.world,
+        &args.sensors,
+        &args.flash,
+        &key,
+        &args.firmware,
+    ];
     inputs.extend(named.into_iter().flatten().map(PathBuf::as_path));
     let in_folder = |folder: &PathBuf| IN_FOLDER.map(|name| folder.join(name));
     let pictures = args.out.as_ref().map(in_folder);
@@ -382,7 +396,14 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
     }
     let replay = args.replay.as_deref().map(read_entered).transpose()?;
     let seed = replay.as_ref().map_or(args.seed, |entered| entered.seed);
-    let world = stage::world(args.world.as_deref(), Some(&args.file))?;
+    let sensors = (args.sensors.as_deref())
+        .map(|table| sensors::recorded(table, &missions, args.firmware.as_deref()))
+        .transpose()?;
+    let asked = match &sensors {
+        Some(_) => Some(Path::new(sensors::WORLD)),
+        None => args.world.as_deref(),
+    };
+    let world = stage::world(asked, Some(&args.file))?;
     let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
     Ok(Plan {
         flash: None,
@@ -404,6 +425,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
             (None, Some(at)) => Some(PlantFault::StopPressedFrom { robot_us: at.us }),
             (None, None) => None,
         },
+        sensors,
         sonar_breaks: args.breaks.iter().map(|broken| broken.0).collect(),
     })
 }

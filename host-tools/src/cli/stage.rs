@@ -79,11 +79,18 @@ pub fn board(
 /// # Errors
 /// If the robot's file cannot be read or has errors.
 pub fn body(named_firmware: Option<&Path>) -> Result<BodyParameters, CommandError> {
+    let robot = robot_beside(named_firmware)?;
+    Ok(robot.map_or_else(BodyParameters::default, |robot| body_of(&robot.measured())))
+}
+
+/// The robot whose file stands beside its firmware; none where there is no such file.
+///
+/// # Errors
+/// If the robot's file cannot be read or has errors.
+pub fn robot_beside(named_firmware: Option<&Path>) -> Result<Option<Robot>, CommandError> {
     let file = named_firmware.map(|firmware| firmware.with_extension("toml"));
-    let Some(file) = file.filter(|file| file.is_file()) else {
-        return Ok(BodyParameters::default());
-    };
-    Ok(body_of(&robot(&file)?.measured()))
+    let file = file.filter(|file| file.is_file());
+    file.map(|file| robot(&file)).transpose()
 }
 
 /// The robot of a file.

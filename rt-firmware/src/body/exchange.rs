@@ -12,7 +12,8 @@
 //! | nominal start of this activation, plant time in µs | 8 | | left, right encoder count | 2 + 2 |
 //! | nominal end of the activation before, in µs | 8 | | how long each echo pin was high, in µs | 8 × 2 |
 //! | left, right duty (signed) | 2 + 2 | | echo pins that are high still | 1 |
-//! | sonar trigger bits, auxiliary output bits | 1 + 1 | | ADC counts | 7 × 2 |
+//! | sonar trigger bits | 1 | | ADC counts | 7 × 2 |
+//! | auxiliary outputs (bits 0 to 3), triggers of the array's banks (4 to 6) | 1 | | | |
 //! | | | | inputs that are low: bit 0 the emergency stop's | 1 |
 //!
 //! The time of an echo pin counts from the last trigger on: 0 until it goes high, growing while it
@@ -21,13 +22,19 @@
 
 use core::array;
 
-use super::pins::{Actuators, DEADMAN_US, PinImage, Sensors};
+use super::pins::{ARRAY_BANKS, AUX_OUTPUTS, Actuators, DEADMAN_US, PinImage, Sensors};
 
 /// Size of an encoded [`Request`] in bytes.
 pub const REQUEST_BYTES: usize = 26;
 
 /// Size of an encoded [`Reply`] in bytes.
 pub const REPLY_BYTES: usize = 40;
+
+/// The auxiliary outputs, in the byte that they share with the array's triggers.
+const AUX_MASK: u8 = (1 << AUX_OUTPUTS) - 1;
+
+/// The triggers of the array's banks, in that byte, behind the auxiliary outputs.
+const ARRAY_MASK: u8 = (1 << ARRAY_BANKS) - 1;
 
 /// The input of the emergency stop's button, among those that a reply tells of.
 const STOP_IS_LOW: u8 = 1 << 0;
@@ -58,14 +65,16 @@ impl Request {
             right_duty,
             sonar_triggers,
             aux_outputs,
+            array_triggers,
         } = self.actuators;
+        let outputs = aux_outputs | array_triggers << AUX_OUTPUTS;
         filled(
             (self.sequence.to_le_bytes().into_iter())
                 .chain(self.start_us.to_le_bytes())
                 .chain(self.effect_us.to_le_bytes())
                 .chain(left_duty.to_le_bytes())
                 .chain(right_duty.to_le_bytes())
-                .chain([sonar_triggers, aux_outputs]),
+                .chain([sonar_triggers, outputs]),
         )
     }
 
@@ -73,7 +82,7 @@ impl Request {
     /// have.
     pub fn decode(bytes: &[u8; REQUEST_BYTES]) -> Self {
         let mut fields = Fields(bytes.iter());
-        Self {
+        let mut request = Self {
             sequence: u32::from_le_bytes(fields.take()),
             start_us: u64::from_le_bytes(fields.take()),
             effect_us: u64::from_le_bytes(fields.take()),
@@ -81,9 +90,13 @@ impl Request {
                 left_duty: i16::from_le_bytes(fields.take()),
                 right_duty: i16::from_le_bytes(fields.take()),
                 sonar_triggers: u8::from_le_bytes(fields.take()),
-                aux_outputs: u8::from_le_bytes(fields.take()),
+                ..Actuators::default()
             },
-        }
+        };
+        let outputs = u8::from_le_bytes(fields.take());
+        request.actuators.aux_outputs = outputs & AUX_MASK;
+        request.actuators.array_triggers = outputs >> AUX_OUTPUTS & ARRAY_MASK;
+        request
     }
 }
 
@@ -270,7 +283,8 @@ mod tests {
             left_duty: 0x1615,
             right_duty: -2,
             sonar_triggers: 0x19,
-            aux_outputs: 0x1A,
+            aux_outputs: 0xA,
+            array_triggers: 1,
         },
     };
 

@@ -23,7 +23,7 @@ pub use exchange::{
     Freshness, PlantExchange, REPLY_BYTES, REQUEST_BYTES, Reply, Request, STALE_FRAME_LIMIT,
 };
 pub use pins::{
-    ADC_FULL_SCALE, ANALOG_CHANNELS, AUX_OUTPUTS, Actuators, AnalogChannel, AuxOutput,
+    ADC_FULL_SCALE, ANALOG_CHANNELS, ARRAY_BANKS, AUX_OUTPUTS, Actuators, AnalogChannel, AuxOutput,
     BATTERY_CHANNEL, DEADMAN_US, DirectionPin, EchoCapture, EncoderCount, FULL_DUTY, LINE_CHANNEL,
     LINE_SENSORS, MotorPwm, Parts, PinImage, SONARS, Sensors, StopPin, TriggerPin,
 };

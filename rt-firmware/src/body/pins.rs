@@ -17,6 +17,11 @@ use crate::drivers::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
 /// Number of sonars in the ring.
 pub const SONARS: usize = 8;
 
+/// Number of banks in the array of sonars, of [`SONARS`] each. All sonars of a bank are triggered
+/// by one pin; sonar *i* of each bank answers on echo pin *i*, which it shares with sonar *i* of
+/// the ring.
+pub const ARRAY_BANKS: usize = 3;
+
 /// Number of analogue inputs: the battery, three for the user's own drivers, three that look at the
 /// floor.
 pub const ANALOG_CHANNELS: usize = 7;
@@ -54,6 +59,8 @@ pub struct Actuators {
     pub sonar_triggers: u8,
     /// Bit *i* is the level of auxiliary output *i*.
     pub aux_outputs: u8,
+    /// Bit *i* is set if bank *i* of the array of sonars was triggered since the last snapshot.
+    pub array_triggers: u8,
 }
 
 /// What the board measures: a snapshot of its input pins.
@@ -126,6 +133,7 @@ pub struct PinImage {
     right: MotorPins,
     /// A trigger pulse is shorter than a slot, so the image latches it until the next snapshot.
     sonar_triggers: [AtomicBool; SONARS],
+    array_triggers: [AtomicBool; ARRAY_BANKS],
     aux_outputs: [AtomicBool; AUX_OUTPUTS],
     left_count: AtomicU16,
     right_count: AtomicU16,
@@ -148,6 +156,7 @@ impl PinImage {
             left: MotorPins::new(),
             right: MotorPins::new(),
             sonar_triggers: [const { AtomicBool::new(false) }; SONARS],
+            array_triggers: [const { AtomicBool::new(false) }; ARRAY_BANKS],
             aux_outputs: [const { AtomicBool::new(false) }; AUX_OUTPUTS],
             left_count: AtomicU16::new(0),
             right_count: AtomicU16::new(0),
@@ -176,16 +185,25 @@ impl PinImage {
                 .sonar_triggers
                 .each_ref()
                 .map(|latch| TriggerPin { latch }),
-            echo_timers: array::from_fn(|sonar| EchoCapture {
-                echo_us: &self.echo_us[sonar],
-                high: &self.echo_high[sonar],
-            }),
+            echo_timers: self.echo_timers(),
+            array_triggers: self
+                .array_triggers
+                .each_ref()
+                .map(|latch| TriggerPin { latch }),
+            array_echo_timers: self.echo_timers(),
             analog: self
                 .adc_counts
                 .each_ref()
                 .map(|counts| AnalogChannel { counts }),
             aux_outputs: self.aux_outputs.each_ref().map(|level| AuxOutput { level }),
         }
+    }
+
+    fn echo_timers(&self) -> [EchoCapture<'_>; SONARS] {
+        array::from_fn(|sonar| EchoCapture {
+            echo_us: &self.echo_us[sonar],
+            high: &self.echo_high[sonar],
+        })
     }
 
     /// The input of the emergency stop's button. It is not one of the [`parts`](Self::parts), which
@@ -219,8 +237,9 @@ impl PinImage {
             right_duty: self.right.signed_duty(),
             sonar_triggers: bits(&self.sonar_triggers),
             aux_outputs: bits(&self.aux_outputs),
+            array_triggers: bits(&self.array_triggers),
         };
-        for latch in &self.sonar_triggers {
+        for latch in self.sonar_triggers.iter().chain(&self.array_triggers) {
             latch.store(false, Relaxed);
         }
         actuators
@@ -290,6 +309,11 @@ pub struct Parts<'a> {
     pub sonar_triggers: [TriggerPin<'a>; SONARS],
     /// Echo timers of the sonars, in the same order.
     pub echo_timers: [EchoCapture<'a>; SONARS],
+    /// Trigger inputs of the banks of the array of sonars.
+    pub array_triggers: [TriggerPin<'a>; ARRAY_BANKS],
+    /// Echo timers of the array, which are those of the ring: of the sonars that were triggered
+    /// last.
+    pub array_echo_timers: [EchoCapture<'a>; SONARS],
     /// Analogue inputs; [`BATTERY_CHANNEL`] is the battery, [`LINE_CHANNEL`] and the next two look
     /// at the floor.
     pub analog: [AnalogChannel<'a>; ANALOG_CHANNELS],

@@ -17,5 +17,5 @@ pub use encoder::WheelEncoder;
 pub use hal::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
 pub use line::{LINE_SENSORS, LineArray};
 pub use motor::{DcMotor, MotorError};
-pub use sonar::{Answer, LONGEST_ECHO_US, Sonar};
+pub use sonar::{Answer, LONGEST_ECHO_US, Sonar, answer_to};
 pub use stop_button::{STOP_DEBOUNCE_US, StopButton};

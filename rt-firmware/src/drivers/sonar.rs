@@ -78,16 +78,23 @@ impl<T: OutputPin, E: EchoTimer> Sonar<T, E> {
 
     /// What it says to the last ping. A ping that could not be sent has no answer.
     pub fn answer(&mut self) -> Answer {
-        match self.echo.pulse() {
-            _ if self.unsent => Answer::None,
-            EchoPulse::High { us } | EchoPulse::Over { us } if us > LONGEST_ECHO_US => {
-                Answer::NothingInRange
-            }
-            EchoPulse::Over { us } => Answer::Echo {
-                range_m: f32::from(us) * METRES_PER_ECHO_US,
-            },
-            EchoPulse::High { .. } | EchoPulse::None => Answer::None,
+        if self.unsent {
+            return Answer::None;
         }
+        answer_to(self.echo.pulse())
+    }
+}
+
+/// What a sonar says by a pulse on its echo pin.
+pub fn answer_to(pulse: EchoPulse) -> Answer {
+    match pulse {
+        EchoPulse::High { us } | EchoPulse::Over { us } if us > LONGEST_ECHO_US => {
+            Answer::NothingInRange
+        }
+        EchoPulse::Over { us } => Answer::Echo {
+            range_m: f32::from(us) * METRES_PER_ECHO_US,
+        },
+        EchoPulse::High { .. } | EchoPulse::None => Answer::None,
     }
 }
 

@@ -26,6 +26,8 @@ use core::f32::consts::TAU;
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
+#[cfg(feature = "sonar-array")]
+use crate::body::ARRAY_BANKS;
 use crate::body::{
     AUX_OUTPUTS, AnalogChannel, AuxOutput, DirectionPin, EchoCapture, EncoderCount, LINE_SENSORS,
     MotorPwm, Parts, SONARS, TriggerPin,
@@ -42,6 +44,8 @@ use crate::tasks::{
 };
 #[cfg(feature = "all-tasks")]
 use crate::tasks::{Count, DriveDistance, FollowLine, LineMonitor, SlotMonitor};
+#[cfg(feature = "sonar-array")]
+use crate::tasks::{SectorMonitor, SonarArray, Steer};
 
 /// What a robot with the rover's parts measures.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,6 +110,12 @@ pub struct RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize = SONARS> 
     pub sonar_triggers: [T; N],
     /// Echo timers of the sonars.
     pub echo_timers: [E; N],
+    /// Triggers of the banks of the array of sonars.
+    #[cfg(feature = "sonar-array")]
+    pub array_triggers: [T; ARRAY_BANKS],
+    /// Echo timers of the array.
+    #[cfg(feature = "sonar-array")]
+    pub array_echo_timers: [E; SONARS],
     /// The battery's analogue input.
     pub battery: A,
     /// The analogue inputs that measure how the floor reflects, from the left to the right.
@@ -161,6 +171,10 @@ pub fn split_pins(parts: Parts<'_>) -> (PinRoverParts<'_>, SparePins<'_>) {
         right_encoder: parts.right_encoder,
         sonar_triggers: parts.sonar_triggers,
         echo_timers: parts.echo_timers,
+        #[cfg(feature = "sonar-array")]
+        array_triggers: parts.array_triggers,
+        #[cfg(feature = "sonar-array")]
+        array_echo_timers: parts.array_echo_timers,
         battery,
         line_sensors: [left, middle, right],
     };
@@ -183,6 +197,9 @@ impl<'a> From<Parts<'a>> for PinRoverParts<'a> {
 pub struct HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize = SONARS> {
     /// The sonars.
     pub sonar_ring: SonarRing<T, E, N>,
+    /// The sonars of the array.
+    #[cfg(feature = "sonar-array")]
+    pub sonar_array: SonarArray<T, E>,
     /// The encoders.
     pub odometry: Odometry<LE, RE>,
     /// The motors.
@@ -213,6 +230,8 @@ where
         let chassis = measures.chassis;
         HardwareTasks {
             sonar_ring: SonarRing::new(self.sonar_triggers, self.echo_timers, measures.sonars),
+            #[cfg(feature = "sonar-array")]
+            sonar_array: SonarArray::new(self.array_triggers, self.array_echo_timers),
             odometry: Odometry::new(
                 WheelEncoder::new(self.left_encoder),
                 WheelEncoder::new(self.right_encoder),
@@ -263,6 +282,9 @@ registry! {
         slot_monitor: SlotMonitor[1] if "all-tasks",
         link_monitor: LinkMonitor[1],
         battery_guard: BatteryGuard[1],
+        sonar_array: SonarArray<T, E>[1] if "sonar-array",
+        sector_monitor: SectorMonitor[1] if "sonar-array",
+        steer: Steer[4] if "sonar-array",
     }
 }
 
@@ -315,6 +337,12 @@ where
             slot_monitor: TaskPool::new([SlotMonitor::default()]),
             link_monitor: TaskPool::new([LinkMonitor::default()]),
             battery_guard: TaskPool::new([BatteryGuard::default()]),
+            #[cfg(feature = "sonar-array")]
+            sonar_array: TaskPool::new([hardware.sonar_array]),
+            #[cfg(feature = "sonar-array")]
+            sector_monitor: TaskPool::new([SectorMonitor]),
+            #[cfg(feature = "sonar-array")]
+            steer: TaskPool::new(array::from_fn(|_| Steer)),
         }
     }
 }

@@ -58,8 +58,11 @@ mod logger;
 mod odometry;
 mod proximity_monitor;
 mod round_corner;
+mod sector_monitor;
 mod slot_monitor;
+mod sonar_array;
 mod sonar_ring;
+mod steer;
 mod stop;
 mod turn;
 mod values;
@@ -82,11 +85,15 @@ pub use logger::Logger;
 pub use odometry::Odometry;
 pub use proximity_monitor::ProximityMonitor;
 pub use round_corner::RoundCorner;
+pub use sector_monitor::SectorMonitor;
 pub use slot_monitor::SlotMonitor;
+pub use sonar_array::SonarArray;
 pub use sonar_ring::{DEAD_AFTER, DEAF_AFTER, RING_WINDOWS, SonarRing, firing_windows};
+pub use steer::Steer;
 pub use stop::Stop;
 pub use turn::Turn;
 pub use values::{
-    Battery, Bearing, Chassis, Line, MAX_SONARS, Pose, Ranges, Reading, Twist, WheelSpeeds,
+    ARRAY_SONARS, ArrayRanges, Battery, Bearing, Chassis, Line, MAX_SONARS, Pose, Ranges, Reading,
+    Twist, WheelSpeeds,
 };
 pub use wheel_speed::WheelSpeed;

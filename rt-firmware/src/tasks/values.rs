@@ -1,6 +1,8 @@
 //! What travels over the nets between the shipped tasks, and the robot's measures that several of
 //! them need.
 
+use core::ops::RangeInclusive;
+
 use crate::body::LINE_SENSORS;
 use crate::show::{Field, Show};
 use crate::task::PortType;
@@ -274,6 +276,50 @@ impl PortType for Ranges {
         self.dead.show(show);
         self.deaf.show(show);
     }
+}
+
+/// How many sonars an array has.
+pub const ARRAY_SONARS: usize = 24;
+
+/// Free way around a robot with an array of sonars.
+///
+/// In whole millimetres, far below what a sonar is wrong by, so that a limit written in decimals is
+/// the same number for who compares with it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ArrayRanges {
+    /// Range of each sonar in millimetres; 0 where it is not known.
+    pub range_mm: [u16; ARRAY_SONARS],
+}
+
+impl ArrayRanges {
+    /// Nothing is known.
+    pub const NONE: Self = Self {
+        range_mm: [0; ARRAY_SONARS],
+    };
+
+    /// A range as it stands here: at least a millimetre, so that what is at a sonar's nose is
+    /// known.
+    pub fn millimetres(range_m: f32) -> u16 {
+        ((range_m * 1e3 + 0.5) as u16).max(1)
+    }
+
+    /// The least range of a sector of sonars, counted from 1, in millimetres; 0 where one of them
+    /// is not known, and where there is no such sector.
+    pub fn least_mm(&self, sector: RangeInclusive<u32>) -> u32 {
+        let (first, last) = (*sector.start() as usize, *sector.end() as usize);
+        let rows = first
+            .checked_sub(1)
+            .and_then(|start| self.range_mm.get(start..last));
+        let least_mm = rows.and_then(|rows| rows.iter().min());
+        least_mm.copied().unwrap_or(0).into()
+    }
+}
+
+impl PortType for ArrayRanges {
+    const NAME: &'static str = "ArrayRanges";
+    const INIT: Self = Self::NONE;
+
+    fields! { range_mm: [u16; 24] }
 }
 
 /// State of the battery.

@@ -7,7 +7,7 @@ use rt_firmware::body::{Reply, Request, SONARS};
 
 use super::pace::Pace;
 use crate::flash::Flash;
-use esm_toolkit::plant::{Plant, Pulse, SonarFault};
+use esm_toolkit::plant::{Plant, Pulse, RecordedRanges, SonarFault};
 
 /// A sonar that breaks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,6 +98,18 @@ impl PlantSide {
         self.lock().breaks = breaks;
     }
 
+    /// Lets the sonars measure what was recorded. Where that ends, the time of interest does, unless
+    /// it ends before.
+    pub fn measure_from(&self, ranges: RecordedRanges) {
+        self.lock().plant.measure_from(ranges);
+    }
+
+    /// Robot time up to which there is interest, in microseconds, as far as that is known: set
+    /// before robot time reaches it.
+    pub fn until_us(&self) -> Option<u64> {
+        self.lock().until_us
+    }
+
     /// Presses the button of the emergency stop from the next exchange on, or lets go of it.
     pub fn press_stop(&self, pressed: bool) {
         self.lock().fault = pressed.then_some(PlantFault::StopPressedFrom { robot_us: 0 });
@@ -135,6 +147,11 @@ impl PlantSide {
             shared.plant.break_sonar(sonar, fault);
         }
         shared.last_reply = shared.plant.exchange(request);
+        let ends_us = shared
+            .until_us
+            .into_iter()
+            .chain(shared.plant.recorded_end_us());
+        shared.until_us = ends_us.min();
         if let Some(PlantFault::StopPressedFrom { robot_us }) = shared.fault {
             shared.last_reply.sensors.stop_is_low = request.start_us >= robot_us;
         }
@@ -215,6 +232,26 @@ mod tests {
         assert_eq!(kept.pose(), expected.pose());
         assert!(kept.distance_m() > 0.0);
         assert_eq!(goes_on.pace().robot_us(), 2_990_000);
+    }
+
+    #[test]
+    fn the_time_of_interest_ends_a_row_after_recorded_ranges() {
+        for (asked_us, end_us) in [
+            (None, Some(160_000)),
+            (Some(90_000), Some(90_000)),
+            (Some(900_000), Some(160_000)),
+        ] {
+            let plant = corridor(asked_us);
+            plant.measure_from(RecordedRanges::parse("1,1\n2,2").expect("a table"));
+            for sequence in 0..8 {
+                let mut request = request(sequence, u64::from(sequence) * 40_000);
+                request.effect_us = request.start_us;
+                request.actuators.sonar_triggers = 0b11;
+                plant.exchange(&request);
+                let known = if sequence < 3 { asked_us } else { end_us };
+                assert_eq!(plant.until_us(), known, "after {sequence}");
+            }
+        }
     }
 
     #[test]

@@ -27,7 +27,7 @@ use crate::serial::ByteLink;
 use crate::serial::noise::{Noise, Noisy};
 use esm_toolkit::clean::counted;
 use esm_toolkit::counters::SlotReport;
-use esm_toolkit::plant::{BodyParameters, Plant, PlantError};
+use esm_toolkit::plant::{BodyParameters, Plant, PlantError, RecordedRanges};
 use esm_toolkit::recording::entered::Entered;
 use esm_toolkit::recording::file::Header;
 use esm_toolkit::recording::writer::{Counts, RecordingWriter};
@@ -94,6 +94,8 @@ pub struct Plan {
     pub plant_fault: Option<PlantFault>,
     /// Sonars that break while it runs.
     pub sonar_breaks: Vec<SonarBreak>,
+    /// What the sonars measure instead of the world. The run ends with it, if not before.
+    pub sensors: Option<RecordedRanges>,
     /// The flash beside it; without, one that has no mission and lets none of the firmware's own
     /// run.
     pub flash: Option<Flash>,
@@ -133,6 +135,7 @@ impl Plan {
             body: BodyParameters::default(),
             plant_fault: None,
             sonar_breaks: Vec::new(),
+            sensors: None,
             flash: None,
             key: None,
             cut_link_us: None,
@@ -346,6 +349,9 @@ impl<W: Write> Driver<W> {
             plant.inject(fault);
         }
         plant.break_sonars(plan.sonar_breaks);
+        if let Some(ranges) = plan.sensors {
+            plant.measure_from(ranges);
+        }
         let board_name = plan.board.name();
         let log = plan.board.log_reader();
         let (board, line) =
@@ -611,6 +617,16 @@ impl<W: Write> Driver<W> {
     }
 
     fn take_events(&mut self, watch: &mut dyn FnMut(Heard<'_>)) -> Result<(), RunError> {
+        // The end of what was recorded is known a row before it comes: before any event that is
+        // after it.
+        let until_us = self.plant.until_us();
+        if until_us != self.until_us {
+            self.until_us = until_us;
+            self.story.ends_at(until_us);
+            if let Some(recording) = &mut self.recording {
+                recording.ends_at(until_us);
+            }
+        }
         for event in self.robot.take_events() {
             match event {
                 StreamEvent::Trace(records) => {

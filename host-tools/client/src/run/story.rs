@@ -91,6 +91,11 @@ impl<W: Write> Story<W> {
         }
     }
 
+    /// It ends there, as it turned out.
+    pub fn ends_at(&mut self, until_us: Option<u64>) {
+        self.until_us = until_us;
+    }
+
     /// A mission starts, with its first macro step at `start_us` of robot time.
     ///
     /// # Errors

@@ -22,6 +22,7 @@ mod drive;
 mod floor;
 mod noise;
 mod parameters;
+mod recorded;
 mod sonar;
 mod statistics;
 
@@ -35,12 +36,14 @@ pub use parameters::{
     BatteryParameters, BodyParameters, FloorParameters, GripParameters, MotorParameters,
     SLIP_WINDOW_MS, SonarParameters,
 };
+pub use recorded::{RecordedRanges, TableError};
 pub use sonar::{PATIENCE_US, Pulse, SonarFault};
 pub use statistics::{PathSample, Statistics};
 
 use crate::world::World;
 use drive::{Drive, STEP_US};
-use sonar::SonarRing;
+use recorded::Feed;
+use sonar::Sonars;
 
 /// The farthest that one call may advance a plant, in microseconds. A request for more (only a
 /// broken board sends one) advances by this.
@@ -86,7 +89,7 @@ pub struct Plant {
     body: BodyParameters,
     noise: Noise,
     drive: Drive,
-    sonars: SonarRing,
+    sonars: Sonars,
     aux_outputs: u8,
     now_us: u64,
     statistics: Statistics,
@@ -116,7 +119,7 @@ impl Plant {
             body,
             noise: Noise::new(seed),
             drive,
-            sonars: SonarRing::new(body.sonar),
+            sonars: Sonars::new(body.sonar),
             aux_outputs: 0,
             now_us: 0,
             statistics,
@@ -148,19 +151,25 @@ impl Plant {
         self.drive.right.duty = share(actuators.right_duty);
         self.aux_outputs = actuators.aux_outputs;
         let (pose, walls) = (self.drive.pose, &self.world.walls);
-        (self.sonars).trigger(
-            actuators.sonar_triggers,
-            self.now_us,
-            pose,
-            walls,
-            &self.noise,
-        );
+        (self.sonars).trigger(actuators, self.now_us, pose, walls, &self.noise);
     }
 
     /// Breaks a sonar, counted counter-clockwise from the one that looks ahead, from its next ping
     /// on.
     pub fn break_sonar(&mut self, sonar: usize, fault: SonarFault) {
         self.sonars.break_sonar(sonar, fault);
+    }
+
+    /// From now on the sonars measure what was recorded, and nothing of the world: column *i* of
+    /// the table is sonar *i* of the ring or of the array, whichever pings.
+    pub fn measure_from(&mut self, ranges: RecordedRanges) {
+        self.sonars.measure_from(Feed::new(ranges));
+    }
+
+    /// When recorded ranges end, in microseconds of plant time: one row after the last row, so that
+    /// the robot has acted by it. None before the last row is over, and where nothing was recorded.
+    pub fn recorded_end_us(&self) -> Option<u64> {
+        self.sonars.recorded_end_us()
     }
 
     /// What the body's outputs read now.

@@ -4,13 +4,15 @@ use core::f64::consts::TAU;
 use core::fmt;
 use core::str::FromStr;
 
-use rt_firmware::body::SONARS;
+use rt_firmware::body::{ARRAY_BANKS, Actuators, SONARS};
+use rt_firmware::tasks::ARRAY_SONARS;
 
 use crate::world::{Point, Segment};
 
 use super::drive::BodyPose;
 use super::noise::{Noise, Source};
 use super::parameters::SonarParameters;
+use super::recorded::Feed;
 
 /// Speed of sound at 20 °C.
 const SOUND_M_PER_S: f64 = 343.2;
@@ -77,6 +79,50 @@ struct Sonar {
     fault: Option<SonarFault>,
 }
 
+impl Sonar {
+    /// Sends a ping towards `heading_rad` off the body's heading, unless the pulse of the last one
+    /// is not over.
+    fn ping(
+        &mut self,
+        parameters: &SonarParameters,
+        feed: &mut Option<Feed>,
+        index: u8,
+        heading_rad: f64,
+        place: &Place<'_>,
+    ) {
+        let now_us = place.now_us;
+        if self.pulse.is_some_and(|pulse| pulse.falls_at_us > now_us) {
+            return;
+        }
+        let answer_us = match feed {
+            Some(feed) => (feed.ping(index.into(), now_us)).map(recorded_us),
+            None => {
+                let heard_us = parameters.echo_us(index, heading_rad, self.pings, place);
+                Some(heard_us.unwrap_or(PATIENCE_US))
+            }
+        };
+        self.pings += 1;
+        let width_us = match self.fault {
+            None => answer_us,
+            Some(SonarFault::Deaf) => Some(PATIENCE_US),
+            Some(SonarFault::Blind) => Some(BLIND_ECHO_US),
+            Some(SonarFault::Dead) => None,
+        };
+        let rises_at_us = now_us + BURST_US;
+        self.pulse = width_us.map(|width_us| TimedPulse {
+            rises_at_us,
+            falls_at_us: rises_at_us + width_us,
+        });
+    }
+}
+
+/// How long the echo pin is high for a recorded range. A sonar that has something at its nose says
+/// so with the shortest pulse.
+fn recorded_us(range_m: f64) -> u64 {
+    let echo_us = libm::round(2e6 * range_m / SOUND_M_PER_S) as u64;
+    echo_us.clamp(1, PATIENCE_US)
+}
+
 /// A pulse on an echo pin, seen from now.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pulse {
@@ -93,63 +139,107 @@ struct TimedPulse {
     falls_at_us: u64,
 }
 
-/// All sonars, counter-clockwise from the one that looks ahead, evenly spread.
+/// All sonars: the ring, counter-clockwise from the one that looks ahead, evenly spread; and the
+/// array, counter-clockwise from the one that looks behind, evenly spread.
+///
+/// Sonar *i* of each bank of the array, and of the ring, share an echo pin.
 #[derive(Clone, Debug)]
-pub(super) struct SonarRing {
+pub(super) struct Sonars {
     parameters: SonarParameters,
-    sonars: [Sonar; SONARS],
+    ring: [Sonar; SONARS],
+    array: [Sonar; ARRAY_SONARS],
+    /// The bank of the array that was triggered last; none where the ring was.
+    bank: Option<usize>,
+    /// What they measure instead of the world.
+    feed: Option<Feed>,
 }
 
-impl SonarRing {
+/// Where a ping is sent.
+struct Place<'a> {
+    now_us: u64,
+    pose: BodyPose,
+    walls: &'a [Segment],
+    noise: &'a Noise,
+}
+
+impl Sonars {
     pub fn new(parameters: SonarParameters) -> Self {
         Self {
             parameters,
-            sonars: [Sonar::default(); SONARS],
+            ring: [Sonar::default(); SONARS],
+            array: [Sonar::default(); ARRAY_SONARS],
+            bank: None,
+            feed: None,
         }
     }
 
-    /// From the next trigger on this sonar has this fault. There is no other sonar to have it.
+    /// From the next trigger on this sonar of the ring has this fault. There is no other sonar to
+    /// have it.
     pub fn break_sonar(&mut self, sonar: usize, fault: SonarFault) {
-        if let Some(sonar) = self.sonars.get_mut(sonar) {
+        if let Some(sonar) = self.ring.get_mut(sonar) {
             sonar.fault = Some(fault);
         }
     }
 
-    /// Sends a ping from each sonar whose bit is set in `triggers`. A sonar whose pulse is not over
-    /// ignores it.
+    /// From now on they measure what was recorded.
+    pub fn measure_from(&mut self, feed: Feed) {
+        self.feed = Some(feed);
+    }
+
+    /// When what was recorded ends, in microseconds; none before its last row is over.
+    pub fn recorded_end_us(&self) -> Option<u64> {
+        self.feed.as_ref().and_then(Feed::end_us)
+    }
+
+    /// Sends a ping from each sonar that is triggered. A sonar whose pulse is not over ignores it.
     pub fn trigger(
         &mut self,
-        triggers: u8,
+        actuators: &Actuators,
         now_us: u64,
         pose: BodyPose,
         walls: &[Segment],
         noise: &Noise,
     ) {
-        let parameters = self.parameters;
-        for (index, sonar) in (0..).zip(self.sonars.iter_mut()) {
-            let is_busy = (sonar.pulse).is_some_and(|pulse| pulse.falls_at_us > now_us);
-            if triggers & 1 << index == 0 || is_busy {
+        let place = Place {
+            now_us,
+            pose,
+            walls,
+            noise,
+        };
+        let Self {
+            parameters, feed, ..
+        } = self;
+        for (index, sonar) in (0..).zip(&mut self.ring) {
+            if actuators.sonar_triggers >> index & 1 != 0 {
+                let heading_rad = f64::from(index) * TAU / SONARS as f64;
+                sonar.ping(parameters, feed, index, heading_rad, &place);
+                self.bank = None;
+            }
+        }
+        for bank in 0..ARRAY_BANKS {
+            if actuators.array_triggers >> bank & 1 == 0 {
                 continue;
             }
-            let heard_us = parameters.echo_us(index, sonar.pings, pose, walls, noise);
-            sonar.pings += 1;
-            let width_us = match sonar.fault {
-                None => Some(heard_us.unwrap_or(PATIENCE_US)),
-                Some(SonarFault::Deaf) => Some(PATIENCE_US),
-                Some(SonarFault::Blind) => Some(BLIND_ECHO_US),
-                Some(SonarFault::Dead) => None,
-            };
-            let rises_at_us = now_us + BURST_US;
-            sonar.pulse = width_us.map(|width_us| TimedPulse {
-                rises_at_us,
-                falls_at_us: rises_at_us + width_us,
-            });
+            for (index, sonar) in (0..).zip(&mut self.array).skip(bank * SONARS).take(SONARS) {
+                let turns = f64::from(index) / ARRAY_SONARS as f64 - 0.5;
+                sonar.ping(parameters, feed, index, turns * TAU, &place);
+            }
+            self.bank = Some(bank);
         }
+    }
+
+    /// The sonars that answer on the echo pins.
+    fn heard(&self) -> [Sonar; SONARS] {
+        let bank = self
+            .bank
+            .and_then(|bank| self.array.chunks_exact(SONARS).nth(bank));
+        bank.and_then(|bank| bank.try_into().ok())
+            .unwrap_or(self.ring)
     }
 
     /// The pulses that answer the last triggers, and are not over at `now_us`.
     pub fn pulses(&self, now_us: u64) -> [Option<Pulse>; SONARS] {
-        self.sonars.map(|sonar| {
+        self.heard().map(|sonar| {
             let pulse = sonar.pulse.filter(|pulse| pulse.falls_at_us > now_us)?;
             // Neither is ever as long as 16 bits can hold.
             Some(Pulse {
@@ -162,7 +252,7 @@ impl SonarRing {
     /// What the timers at the echo pins show at `now_us`: how long each has been high since its
     /// last trigger, in microseconds, and a bit for each that is.
     pub fn echoes(&self, now_us: u64) -> ([u16; SONARS], u8) {
-        let pulses = self.sonars.map(|sonar| sonar.pulse);
+        let pulses = self.heard().map(|sonar| sonar.pulse);
         // A pulse is never as long as 16 bits can hold.
         let width_us = |pulse: TimedPulse| {
             let until_us = now_us.min(pulse.falls_at_us);
@@ -178,18 +268,14 @@ impl SonarRing {
 
 impl SonarParameters {
     /// Time to the echo of a ping that is sent now, if one will be heard.
-    fn echo_us(
-        &self,
-        sonar: u8,
-        ping: u64,
-        pose: BodyPose,
-        walls: &[Segment],
-        noise: &Noise,
-    ) -> Option<u64> {
+    fn echo_us(&self, sonar: u8, heading_rad: f64, ping: u64, place: &Place<'_>) -> Option<u64> {
+        let Place {
+            pose, walls, noise, ..
+        } = place;
         if noise.uniform(Source::Miss { sonar }, ping) < self.miss_probability {
             return None;
         }
-        let heading_rad = pose.heading_rad + f64::from(sonar) * TAU / SONARS as f64;
+        let heading_rad = pose.heading_rad + heading_rad;
         let true_range_m = self.range_m(pose.position, heading_rad, walls)?;
         let deviation_m = self.noise_m + self.noise_part * true_range_m;
         let range_m = true_range_m + deviation_m * noise.bell(Source::Range { sonar }, ping);

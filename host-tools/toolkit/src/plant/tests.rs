@@ -35,6 +35,7 @@ const ALL_SONARS: Actuators = Actuators {
     right_duty: 0,
     sonar_triggers: 0xFF,
     aux_outputs: 0,
+    array_triggers: 0,
 };
 
 /// A drive of `(duration_us, actuators)` legs, each call of `advance_to` at most `most_us` long.
@@ -65,6 +66,7 @@ fn legs() -> impl Strategy<Value = Vec<(u64, Actuators)>> {
                 right_duty,
                 sonar_triggers,
                 aux_outputs: 0,
+                array_triggers: 0,
             };
             (duration_us, actuators)
         });
@@ -378,6 +380,7 @@ fn a_minute_is_equal_to_the_bit_on_every_machine() {
                 right_duty: 200 + phase,
                 sonar_triggers: if slot % 2 == 0 { 0x55 } else { 0xAA },
                 aux_outputs: 0,
+                array_triggers: 0,
             },
         });
         let pose = plant.pose();

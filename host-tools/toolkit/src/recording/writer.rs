@@ -114,6 +114,11 @@ impl<W: Write> RecordingWriter<W> {
         })
     }
 
+    /// Of robot time after `until_us` nothing is kept, as it turned out.
+    pub fn ends_at(&mut self, until_us: Option<u64>) {
+        self.until_us = until_us;
+    }
+
     /// Whether a mission is in the recording.
     pub fn knows(&self, hash: u32) -> bool {
         self.missions.iter().any(|known| known.hash == hash)
