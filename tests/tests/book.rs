@@ -281,7 +281,7 @@ fn fields_in_the_chapter(chapter: &str, type_name: &str) -> String {
 #[test]
 fn the_chapter_on_types_has_the_fields_of_the_code() {
     use rt_firmware::PortType;
-    use rt_firmware::tasks::{Battery, Line, Pose, Ranges, Twist, WheelSpeeds};
+    use rt_firmware::tasks::{ArrayRanges, Battery, Line, Pose, Ranges, Twist, WheelSpeeds};
 
     let chapter = read("docs/src/types.md");
     let types = [
@@ -289,6 +289,7 @@ fn the_chapter_on_types_has_the_fields_of_the_code() {
         (Twist::NAME, Twist::FIELDS),
         (WheelSpeeds::NAME, WheelSpeeds::FIELDS),
         (Ranges::NAME, Ranges::FIELDS),
+        (ArrayRanges::NAME, ArrayRanges::FIELDS),
         (Battery::NAME, Battery::FIELDS),
         (Line::NAME, Line::FIELDS),
     ];

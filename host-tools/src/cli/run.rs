@@ -45,7 +45,7 @@ Examples:
   esm run missions/on_a_lead.esm --cut-link '5 s' --until '10 s'
   esm run missions/patrol.esm --estop '5 s' --until '10 s'
   esm run missions/patrol.esm --break 'sonar 0 dead at 10 s' --until '20 s'
-  esm run missions/wall_rules.esm --board host --sensors ranges.csv --trace decisions.jsonl
+  esm run missions/wall_rules.esm --board host --sensors missions/wall_rules/ranges.csv --trace decisions.jsonl
   esm run missions/patrol.esm --record patrol.rec --until '60 s'
   esm run missions/patrol.esm --board host --replay patrol.rec --until '60 s'")]
 pub struct RunArgs {
