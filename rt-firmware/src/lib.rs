@@ -31,6 +31,8 @@ pub mod show;
 
 mod about;
 pub mod background;
+#[macro_use]
+pub mod behaviours;
 #[cfg(any(test, feature = "std"))]
 pub mod bench;
 pub mod black_box;

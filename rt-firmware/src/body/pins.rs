@@ -133,6 +133,7 @@ pub struct PinImage {
     right: MotorPins,
     /// A trigger pulse is shorter than a slot, so the image latches it until the next snapshot.
     sonar_triggers: [AtomicBool; SONARS],
+    #[cfg(feature = "sonar-array")]
     array_triggers: [AtomicBool; ARRAY_BANKS],
     aux_outputs: [AtomicBool; AUX_OUTPUTS],
     left_count: AtomicU16,
@@ -156,6 +157,7 @@ impl PinImage {
             left: MotorPins::new(),
             right: MotorPins::new(),
             sonar_triggers: [const { AtomicBool::new(false) }; SONARS],
+            #[cfg(feature = "sonar-array")]
             array_triggers: [const { AtomicBool::new(false) }; ARRAY_BANKS],
             aux_outputs: [const { AtomicBool::new(false) }; AUX_OUTPUTS],
             left_count: AtomicU16::new(0),
@@ -186,10 +188,12 @@ impl PinImage {
                 .each_ref()
                 .map(|latch| TriggerPin { latch }),
             echo_timers: self.echo_timers(),
+            #[cfg(feature = "sonar-array")]
             array_triggers: self
                 .array_triggers
                 .each_ref()
                 .map(|latch| TriggerPin { latch }),
+            #[cfg(feature = "sonar-array")]
             array_echo_timers: self.echo_timers(),
             analog: self
                 .adc_counts
@@ -232,17 +236,16 @@ impl PinImage {
     /// The levels of the outputs now. Takes the latched sonar triggers: the next snapshot has only
     /// those that come after this one.
     pub fn take_actuators(&self) -> Actuators {
-        let actuators = Actuators {
+        Actuators {
             left_duty: self.left.signed_duty(),
             right_duty: self.right.signed_duty(),
-            sonar_triggers: bits(&self.sonar_triggers),
+            sonar_triggers: take_bits(&self.sonar_triggers),
             aux_outputs: bits(&self.aux_outputs),
-            array_triggers: bits(&self.array_triggers),
-        };
-        for latch in self.sonar_triggers.iter().chain(&self.array_triggers) {
-            latch.store(false, Relaxed);
+            #[cfg(feature = "sonar-array")]
+            array_triggers: take_bits(&self.array_triggers),
+            #[cfg(not(feature = "sonar-array"))]
+            array_triggers: 0,
         }
-        actuators
     }
 
     /// The left and the right motor.
@@ -284,6 +287,15 @@ fn bits(pins: &[AtomicBool]) -> u8 {
         .fold(0, |bits, pin| bits << 1 | u8::from(pin.load(Relaxed)))
 }
 
+/// The latches that are set, which are not any more.
+fn take_bits(latches: &[AtomicBool]) -> u8 {
+    let set = bits(latches);
+    for latch in latches {
+        latch.store(false, Relaxed);
+    }
+    set
+}
+
 fn store_all<const N: usize>(pins: &[AtomicU16; N], values: &[u16; N]) {
     for (pin, value) in pins.iter().zip(values) {
         pin.store(*value, Relaxed);
@@ -310,9 +322,11 @@ pub struct Parts<'a> {
     /// Echo timers of the sonars, in the same order.
     pub echo_timers: [EchoCapture<'a>; SONARS],
     /// Trigger inputs of the banks of the array of sonars.
+    #[cfg(feature = "sonar-array")]
     pub array_triggers: [TriggerPin<'a>; ARRAY_BANKS],
     /// Echo timers of the array, which are those of the ring: of the sonars that were triggered
     /// last.
+    #[cfg(feature = "sonar-array")]
     pub array_echo_timers: [EchoCapture<'a>; SONARS],
     /// Analogue inputs; [`BATTERY_CHANNEL`] is the battery, [`LINE_CHANNEL`] and the next two look
     /// at the floor.

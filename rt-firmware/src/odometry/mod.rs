@@ -27,6 +27,17 @@ impl Pose {
         heading_rad: 0.0,
     };
 
+    /// A frame as seen from this one. Both are seen from the same.
+    pub fn to_local(self, global: Self) -> Self {
+        let (sine, cosine) = sine_and_cosine(self.heading_rad);
+        let (x_m, y_m) = (global.x_m - self.x_m, global.y_m - self.y_m);
+        Self {
+            x_m: x_m * cosine + y_m * sine,
+            y_m: y_m * cosine - x_m * sine,
+            heading_rad: wrapped_rad(global.heading_rad - self.heading_rad),
+        }
+    }
+
     /// The pose after the left and the right wheel have rolled `left_m` and `right_m`, with the
     /// wheels `wheel_base_m` apart.
     ///

@@ -26,6 +26,8 @@ use core::f32::consts::TAU;
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
+#[cfg(feature = "behaviours")]
+use crate::behaviours::{Behaviours, GoTo, Move, TurnTo};
 #[cfg(feature = "sonar-array")]
 use crate::body::ARRAY_BANKS;
 use crate::body::{
@@ -285,6 +287,10 @@ registry! {
         sonar_array: SonarArray<T, E>[1] if "sonar-array",
         sector_monitor: SectorMonitor[1] if "sonar-array",
         steer: Steer[4] if "sonar-array",
+        behaviours: Behaviours[1] if "behaviours",
+        move_on: Move[4] if "behaviours",
+        turn_to: TurnTo[4] if "behaviours",
+        go_to: GoTo[4] if "behaviours",
     }
 }
 
@@ -343,6 +349,14 @@ where
             sector_monitor: TaskPool::new([SectorMonitor]),
             #[cfg(feature = "sonar-array")]
             steer: TaskPool::new(array::from_fn(|_| Steer)),
+            #[cfg(feature = "behaviours")]
+            behaviours: TaskPool::new([Behaviours]),
+            #[cfg(feature = "behaviours")]
+            move_on: TaskPool::new(array::from_fn(|_| Move::default())),
+            #[cfg(feature = "behaviours")]
+            turn_to: TaskPool::new(array::from_fn(|_| TurnTo::default())),
+            #[cfg(feature = "behaviours")]
+            go_to: TaskPool::new(array::from_fn(|_| GoTo::default())),
         }
     }
 }

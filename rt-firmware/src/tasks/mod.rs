@@ -94,6 +94,6 @@ pub use stop::Stop;
 pub use turn::Turn;
 pub use values::{
     ARRAY_SONARS, ArrayRanges, Battery, Bearing, Chassis, Line, MAX_SONARS, Pose, Ranges, Reading,
-    Twist, WheelSpeeds,
+    Sector, Twist, WheelSpeeds,
 };
 pub use wheel_speed::WheelSpeed;

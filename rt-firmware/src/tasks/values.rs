@@ -105,6 +105,32 @@ impl Bearing {
     }
 }
 
+/// A quarter of what is around the robot, and the diagonals at its ends, which it shares with its
+/// neighbours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sector {
+    /// Ahead.
+    Front,
+    /// Behind.
+    Back,
+    /// To the left.
+    Left,
+    /// To the right.
+    Right,
+}
+
+impl Sector {
+    /// The bearings in it, from the right to the left.
+    pub const fn bearings(self) -> [Bearing; 3] {
+        match self {
+            Self::Front => [Bearing::AheadRight, Bearing::Ahead, Bearing::AheadLeft],
+            Self::Left => [Bearing::AheadLeft, Bearing::Left, Bearing::BehindLeft],
+            Self::Back => [Bearing::BehindLeft, Bearing::Behind, Bearing::BehindRight],
+            Self::Right => [Bearing::BehindRight, Bearing::Right, Bearing::AheadRight],
+        }
+    }
+}
+
 /// What one sonar says.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
@@ -222,6 +248,15 @@ impl Ranges {
     /// robot can do without one. A sonar that is there and does not know is still no free way.
     pub fn free_unless_seen_m(&self, bearing: Bearing) -> f32 {
         self.towards_m(bearing).unwrap_or(Self::FAR_M)
+    }
+
+    /// Free way in a sector: the least range of the sonars that look there. 0 where one of them
+    /// does not know, and where none looks there: what is unknown is never far.
+    pub fn free_range(&self, sector: Sector) -> f32 {
+        let [right, middle, left] = sector.bearings();
+        let ranges_m = [right, middle, left].map(|bearing| self.towards_m(bearing));
+        let least_m = ranges_m.into_iter().flatten().reduce(f32::min);
+        least_m.unwrap_or(0.0)
     }
 
     /// Straight ahead, in metres; 0 if it is not known.

@@ -1,0 +1,73 @@
+//! Drives to a point.
+
+use super::{Behaviour, BehaviourList, Control, Scene};
+use crate::behaviour;
+use crate::ports::Io;
+use crate::tasks::{Pose, Ranges, Twist};
+
+/// Nearer than this to its point the robot is there, in metres.
+const REACHED_M: f32 = 0.03;
+/// Speed for each metre that is left, in 1/s.
+const SPEED_PER_M: f32 = 1.0;
+/// The slowest speed, in metres per second.
+const SLOW_M_PER_S: f32 = 0.05;
+/// Turning rate for each metre that the goal lies to the left, a metre ahead, in rad/s.
+const TURN_GAIN_RAD_PER_S: f32 = 2.0;
+/// The fastest turn, in radians per second.
+const TURN_MOST_RAD_PER_S: f32 = 1.0;
+
+/// Drives to a point of its local frame: turns on the spot while the point is more than 45° off the
+/// heading, then drives towards it, slower as it comes near.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct GoToLaw;
+
+behaviour! {
+    /// Behaviour: drives to a point, counted from where it began, and ends.
+    impl GoTo runs GoToLaw {
+        wcet 300 us;
+        params {
+            /// How far ahead, in metres.
+            x_m: f32 = 1.0, -100.0..=100.0;
+            /// How far to the left, in metres.
+            y_m: f32 = 0.0, -100.0..=100.0;
+            /// How fast at most, in metres per second.
+            speed_m_per_s: f32 = 0.25, 0.05..=0.5;
+        }
+    }
+}
+
+impl GoToLaw {
+    /// The law for a goal that lies so far ahead and to the left of the robot.
+    pub fn twist(ahead_m: f32, left_m: f32, most_m_per_s: f32) -> Option<Twist> {
+        let square_m2 = ahead_m * ahead_m + left_m * left_m;
+        if square_m2 < REACHED_M * REACHED_M {
+            return None;
+        }
+        // The larger of the two is at least 0.7 of the distance, which is enough to slow down by.
+        let far_m = ahead_m.abs().max(left_m.abs());
+        if ahead_m < left_m.abs() {
+            return Some(Twist {
+                forward_m_per_s: 0.0,
+                turn_rad_per_s: TURN_MOST_RAD_PER_S.copysign(left_m),
+            });
+        }
+        let rate = TURN_GAIN_RAD_PER_S * left_m / far_m;
+        Some(Twist {
+            forward_m_per_s: (far_m * SPEED_PER_M).clamp(SLOW_M_PER_S, most_m_per_s),
+            turn_rad_per_s: rate.clamp(-TURN_MOST_RAD_PER_S, TURN_MOST_RAD_PER_S),
+        })
+    }
+}
+
+impl Behaviour for GoToLaw {
+    fn control(&mut self, scene: &Scene<'_>, io: &Io<'_>) -> Control {
+        let goal = Pose {
+            x_m: io.param(GoTo::X_M),
+            y_m: io.param(GoTo::Y_M),
+            heading_rad: 0.0,
+        };
+        let seen = scene.pose.to_local(goal);
+        let twist = Self::twist(seen.x_m, seen.y_m, io.param(GoTo::SPEED_M_PER_S));
+        twist.map_or(Control::Done, Control::Move)
+    }
+}

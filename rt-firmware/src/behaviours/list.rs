@@ -1,0 +1,362 @@
+//! The list of behaviours: who executes, who waits, who was interrupted.
+
+use super::life_cycle::{Cause, LifeState};
+use crate::show::{Field, Show};
+use crate::task::PortType;
+use crate::tasks::Twist;
+
+/// How many behaviours the list has room for, beside [`IDLE`](Key::IDLE).
+pub const MAX_BEHAVIOURS: usize = 8;
+
+/// Places on the list: one is IDLE's, so that danger finds room in a full list.
+const PLACES: usize = MAX_BEHAVIOURS + 1;
+
+/// A behaviour that was not seen in so many looks of the list's owner is gone: its task state was
+/// left.
+pub const UNSEEN_LOOKS: u8 = 2;
+
+/// Who is on the list.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Key(u16);
+
+impl Key {
+    /// The behaviour that stands still.
+    pub const IDLE: Self = Self(0);
+}
+
+/// The list has no room.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ListFull;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Entry {
+    key: Key,
+    state: LifeState,
+    unseen: u8,
+}
+
+/// The behaviours of a robot, in the order in which they execute. The head does; the others wait.
+///
+/// New ones go to the tail, or before the head, which they interrupt. The list is a value on a net
+/// of the mission: its behaviours and its owner, the task [`Behaviours`](super::Behaviours), change
+/// it one after the other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BehaviourList {
+    entries: [Entry; PLACES],
+    len: u8,
+    last_key: u16,
+    /// What the behaviour that executes asks for, until it is taken.
+    asked: Option<Twist>,
+}
+
+impl BehaviourList {
+    /// A list with nobody on it.
+    pub const EMPTY: Self = Self {
+        entries: [Entry {
+            key: Key::IDLE,
+            state: LifeState::Initial,
+            unseen: 0,
+        }; PLACES],
+        len: 0,
+        last_key: 0,
+        asked: None,
+    };
+
+    fn present(&self) -> &[Entry] {
+        self.entries.get(..usize::from(self.len)).unwrap_or(&[])
+    }
+
+    fn present_mut(&mut self) -> &mut [Entry] {
+        (self.entries.get_mut(..usize::from(self.len))).unwrap_or(&mut [])
+    }
+
+    fn place(&self, key: Key) -> Option<usize> {
+        self.present().iter().position(|entry| entry.key == key)
+    }
+
+    /// How many are on it.
+    pub fn len(&self) -> usize {
+        self.len.into()
+    }
+
+    /// Whether nobody is on it.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Who is at the head.
+    pub fn head(&self) -> Option<Key> {
+        self.present().first().map(|entry| entry.key)
+    }
+
+    /// Who comes after the head.
+    pub fn second(&self) -> Option<Key> {
+        self.present().get(1).map(|entry| entry.key)
+    }
+
+    /// The state of a behaviour; none where it is not on the list.
+    pub fn state(&self, key: Key) -> Option<LifeState> {
+        let place = self.place(key)?;
+        self.present().get(place).map(|entry| entry.state)
+    }
+
+    /// Puts a new behaviour behind all others.
+    ///
+    /// # Errors
+    /// [`ListFull`]
+    pub fn insert_at_tail(&mut self) -> Result<Key, ListFull> {
+        let key = self.room_for_one()?;
+        self.insert(self.len.into(), key);
+        Ok(key)
+    }
+
+    /// Puts a new behaviour before the head, which is interrupted if it executes.
+    ///
+    /// # Errors
+    /// [`ListFull`]
+    pub fn insert_at_head(&mut self) -> Result<Key, ListFull> {
+        let key = self.room_for_one()?;
+        self.interrupt_head();
+        self.insert(0, key);
+        Ok(key)
+    }
+
+    /// Puts IDLE before the head, which is interrupted if it executes: the robot stands still until
+    /// [`end`](Self::end) takes IDLE off again. There is always room for it, once: one that another
+    /// behaviour was put before leaves its place, and who is behind that looks for itself.
+    pub fn idle(&mut self) {
+        if self.head() != Some(Key::IDLE) {
+            self.end(Key::IDLE);
+            self.interrupt_head();
+            self.insert(0, Key::IDLE);
+            self.dispatch();
+        }
+    }
+
+    /// Lets the head execute. Others never do.
+    pub fn dispatch(&mut self) {
+        if let Some(head) = self.present_mut().first_mut()
+            && let Some(state) = head.state.after(Cause::Dispatch)
+        {
+            head.state = state;
+        }
+    }
+
+    /// A behaviour is over, whether it executes or not: it leaves the list. Returns whether it was
+    /// on it.
+    pub fn end(&mut self, key: Key) -> bool {
+        let Some(place) = self.place(key) else {
+            return false;
+        };
+        if let Some(behind) = self.present_mut().get_mut(place..) {
+            behind.rotate_left(1);
+        }
+        self.len -= 1;
+        true
+    }
+
+    /// A behaviour shows that it is there.
+    pub fn see(&mut self, key: Key) {
+        if let Some(place) = self.place(key)
+            && let Some(entry) = self.present_mut().get_mut(place)
+        {
+            entry.unseen = 0;
+        }
+    }
+
+    /// Takes off those that have not shown themselves in [`UNSEEN_LOOKS`] looks, IDLE if nobody is
+    /// behind it, and lets the head execute.
+    pub fn look(&mut self) {
+        // From the end on: what is taken off moves only those that have been looked at.
+        for place in (0..PLACES).rev() {
+            let Some(entry) = self.present_mut().get_mut(place) else {
+                continue;
+            };
+            let key = entry.key;
+            let is_gone = if key == Key::IDLE {
+                self.len == 1
+            } else {
+                entry.unseen += 1;
+                entry.unseen > UNSEEN_LOOKS
+            };
+            if is_gone {
+                self.end(key);
+            }
+        }
+        self.dispatch();
+    }
+
+    /// The behaviour that executes asks for a movement.
+    pub fn ask(&mut self, twist: Twist) {
+        self.asked = Some(twist);
+    }
+
+    /// The movement that was asked for since the last call; none stands still.
+    pub fn take_asked(&mut self) -> Twist {
+        self.asked.take().unwrap_or(Twist::STILL)
+    }
+
+    fn room_for_one(&mut self) -> Result<Key, ListFull> {
+        let others = self.present().iter().filter(|entry| entry.key != Key::IDLE);
+        if others.count() >= MAX_BEHAVIOURS {
+            return Err(ListFull);
+        }
+        // A key of a behaviour that has been on the list for 65,535 others is not given twice.
+        for _ in 0..=MAX_BEHAVIOURS {
+            self.last_key = self.last_key.checked_add(1).unwrap_or(1);
+            let key = Key(self.last_key);
+            if self.place(key).is_none() {
+                return Ok(key);
+            }
+        }
+        Err(ListFull)
+    }
+
+    fn insert(&mut self, place: usize, key: Key) {
+        self.len += 1;
+        if let Some(behind) = self.present_mut().get_mut(place..) {
+            behind.rotate_right(1);
+            if let Some(entry) = behind.first_mut() {
+                *entry = Entry {
+                    key,
+                    ..Entry::default()
+                };
+            }
+        }
+    }
+
+    fn interrupt_head(&mut self) {
+        if let Some(head) = self.present_mut().first_mut() {
+            for cause in [Cause::Interrupt, Cause::Requeue] {
+                if let Some(state) = head.state.after(cause) {
+                    head.state = state;
+                }
+            }
+        }
+    }
+}
+
+impl PortType for BehaviourList {
+    const NAME: &'static str = "BehaviourList";
+    const INIT: Self = Self::EMPTY;
+
+    const FIELDS: &'static str = "behaviours:u8\nkeys:[u16;9]\nstates:[u8;9]\n";
+
+    // What is not on the list is 0.
+    fn show(&self, show: &mut Show<'_>) {
+        let mut keys = [0; PLACES];
+        let mut states = [0; PLACES];
+        let rows = keys.iter_mut().zip(&mut states);
+        for (entry, (key, state)) in self.present().iter().zip(rows) {
+            (*key, *state) = (entry.key.0, entry.state as u8);
+        }
+        self.len.show(show);
+        keys.show(show);
+        states.show(show);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn new_ones_wait_behind_the_others_and_the_head_executes() {
+        let mut list = BehaviourList::EMPTY;
+        let first = list.insert_at_tail().unwrap();
+        let second = list.insert_at_tail().unwrap();
+        assert_eq!(list.state(first), Some(LifeState::Initial));
+        list.dispatch();
+        assert_eq!(list.state(first), Some(LifeState::Execute));
+        assert_eq!(list.state(second), Some(LifeState::Initial));
+        assert!(list.end(first) && !list.end(first));
+        list.dispatch();
+        assert_eq!(list.head(), Some(second));
+        assert_eq!(list.state(second), Some(LifeState::Execute));
+    }
+
+    #[test]
+    fn one_before_the_head_interrupts_it_and_it_resumes() {
+        let mut list = BehaviourList::EMPTY;
+        let first = list.insert_at_tail().unwrap();
+        list.dispatch();
+        let urgent = list.insert_at_head().unwrap();
+        assert_eq!(list.state(first), Some(LifeState::Resume));
+        list.dispatch();
+        assert_eq!(list.state(urgent), Some(LifeState::Execute));
+        list.end(urgent);
+        list.dispatch();
+        assert_eq!(list.state(first), Some(LifeState::Execute));
+        // One that has never executed stays as it is.
+        let waits = list.insert_at_tail().unwrap();
+        list.end(first);
+        list.insert_at_head().unwrap();
+        assert_eq!(list.state(waits), Some(LifeState::Initial));
+    }
+
+    #[test]
+    fn a_full_list_refuses_and_has_room_for_idle() {
+        for insert in [BehaviourList::insert_at_tail, BehaviourList::insert_at_head] {
+            let mut list = BehaviourList::EMPTY;
+            for _ in 0..MAX_BEHAVIOURS {
+                insert(&mut list).unwrap();
+            }
+            assert_eq!(insert(&mut list), Err(ListFull));
+            let head = list.head().unwrap();
+            list.dispatch();
+            list.idle();
+            list.idle();
+            assert_eq!(list.len(), MAX_BEHAVIOURS + 1);
+            assert_eq!(insert(&mut list), Err(ListFull));
+            assert_eq!(list.state(Key::IDLE), Some(LifeState::Execute));
+            assert_eq!(list.second(), Some(head));
+            assert_eq!(list.state(head), Some(LifeState::Resume));
+        }
+    }
+
+    #[test]
+    fn who_is_not_seen_leaves_and_idle_does_not_stay_alone() {
+        let mut list = BehaviourList::EMPTY;
+        let left = list.insert_at_tail().unwrap();
+        let stays = list.insert_at_tail().unwrap();
+        list.dispatch();
+        list.idle();
+        for look in 1..=UNSEEN_LOOKS + 1 {
+            list.look();
+            list.see(stays);
+            assert_eq!(list.state(left).is_some(), look <= UNSEEN_LOOKS);
+        }
+        assert_eq!((list.head(), list.second()), (Some(Key::IDLE), Some(stays)));
+        list.end(stays);
+        list.look();
+        assert!(list.is_empty());
+    }
+
+    proptest! {
+        /// Whatever is done to a list, in any order: its keys differ, it is never overfull, and
+        /// only the head executes.
+        #[test]
+        fn only_the_head_executes(ops in prop::collection::vec((0_u8..6, 0_usize..PLACES), 0..60)) {
+            let mut list = BehaviourList::EMPTY;
+            for (op, at) in ops {
+                let key = list.present().get(at).map(|entry| entry.key);
+                match op {
+                    0 => drop(list.insert_at_tail()),
+                    1 => drop(list.insert_at_head()),
+                    2 => list.idle(),
+                    3 => list.look(),
+                    4 => { key.map(|key| list.end(key)); }
+                    _ => { key.map(|key| list.see(key)); }
+                }
+                prop_assert!(list.len() <= PLACES);
+                for (place, entry) in list.present().iter().enumerate() {
+                    prop_assert_eq!(list.place(entry.key), Some(place));
+                    prop_assert!(place == 0 || entry.state != LifeState::Execute);
+                    prop_assert!(!matches!(entry.state, LifeState::Suspend | LifeState::Destroy));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,168 @@
+//! Behaviours: what a robot does until it is done, scheduled one behind the other.
+//!
+//! A behaviour is a task whose state of a mission goes onto a [list](BehaviourList) when it is
+//! entered. The head of the list says how the robot moves; the others wait. Its
+//! [control law](Behaviour) sees the robot's pose in a local frame, whose centre is where the robot
+//! was when the behaviour came onto the list. When the law is done, the task has finished. When the
+//! state is left early, the behaviour leaves the list.
+//!
+//! Beside each behaviour that executes [situations](situation) are watched: while the way ahead is
+//! not free, IDLE executes in its place, and it resumes by itself.
+//!
+//! ```
+//! use rt_firmware::behaviour;
+//! use rt_firmware::behaviours::{Behaviour, BehaviourList, Control, Scene};
+//! use rt_firmware::tasks::{Pose, Ranges, Twist};
+//! use rt_firmware::Io;
+//!
+//! /// Drives ahead until something is nearer than a metre.
+//! #[derive(Debug, Default)]
+//! pub struct ApproachLaw;
+//!
+//! behaviour! {
+//!     /// Drives ahead until something is near.
+//!     impl Approach runs ApproachLaw {
+//!         wcet 300 us;
+//!         params {
+//!             /// How fast, in metres per second.
+//!             speed_m_per_s: f32 = 0.2, 0.0..=0.5;
+//!         }
+//!     }
+//! }
+//!
+//! impl Behaviour for ApproachLaw {
+//!     fn control(&mut self, scene: &Scene<'_>, io: &Io<'_>) -> Control {
+//!         if scene.ranges.is_none_or(|ranges| ranges.ahead_m() < 1.0) {
+//!             return Control::Done;
+//!         }
+//!         Control::Move(Twist {
+//!             forward_m_per_s: io.param(Approach::SPEED_M_PER_S),
+//!             turn_rad_per_s: 0.0,
+//!         })
+//!     }
+//! }
+//! ```
+//!
+//! Source: Schoute, "Behaviour-based control framework for an autonomous mobile robot", sections 3
+//! and 4.
+
+mod executive;
+mod go_to;
+mod life_cycle;
+mod list;
+mod move_on;
+mod runner;
+pub mod situation;
+mod turn_to;
+
+pub use executive::Behaviours;
+pub use go_to::{GoTo, GoToLaw};
+pub use life_cycle::{Cause, LifeState};
+pub use list::{BehaviourList, Key, ListFull, MAX_BEHAVIOURS, UNSEEN_LOOKS};
+pub use move_on::{Move, MoveLaw};
+#[doc(hidden)]
+pub use runner::{Ports, Runner};
+pub use turn_to::{TurnTo, TurnToLaw};
+
+use crate::ports::Io;
+use crate::tasks::{Pose, Ranges, Twist};
+
+/// What a behaviour sees when it is to say how the robot moves.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene<'a> {
+    /// Where the robot is in the behaviour's local frame.
+    pub pose: Pose,
+    /// What is around the robot; none where nobody knows.
+    pub ranges: Option<&'a Ranges>,
+    /// Time between two looks, in microseconds.
+    pub period_us: u32,
+}
+
+/// What a behaviour says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Control {
+    /// Move like this.
+    Move(Twist),
+    /// The goal is reached.
+    Done,
+    /// The goal cannot be reached.
+    Failed,
+}
+
+/// A control law.
+pub trait Behaviour: Default + Send {
+    /// The centre of its local frame: the robot's pose when the behaviour comes onto the list,
+    /// unless the law says otherwise.
+    fn centre(&self, start: Pose, _io: &Io<'_>) -> Pose {
+        start
+    }
+
+    /// Says how to move now. Called in each activation of its slot, while it executes.
+    fn control(&mut self, scene: &Scene<'_>, io: &Io<'_>) -> Control;
+}
+
+/// Declares a task that runs a [`Behaviour`]; see [the module](mod@crate::behaviours) for an
+/// example.
+///
+/// Its ports and flags are those of all behaviours; the types of the ports (`BehaviourList`,
+/// `Pose`, `Ranges`) must be in scope. Parameters are written as in
+/// [`task!`](crate::task!); `outside_m` is added to them.
+#[macro_export]
+macro_rules! behaviour {
+    (
+        $(#[doc = $doc:literal])*
+        impl $name:ident runs $law:ident {
+            wcet $wcet:literal $wcet_unit:ident;
+            params { $($params:tt)* }
+        }
+    ) => {
+        #[doc = concat!("The task that runs [`", stringify!($law), "`].")]
+        #[derive(Debug, Default)]
+        pub struct $name($crate::behaviours::Runner<$law>);
+
+        $crate::task! {
+            $(#[doc = $doc])*
+            impl $name {
+                slot 2;
+                wcet $wcet $wcet_unit;
+                data {
+                    /// The list of behaviours.
+                    inout list: BehaviourList optional;
+                    /// Where the robot is.
+                    in pose: Pose optional within 100 ms;
+                    /// What is around it.
+                    in ranges: Ranges optional within 200 ms;
+                }
+                flags {
+                    /// It waits for others, or until the way is free.
+                    out suspended;
+                    /// It has ended without being done.
+                    out failed;
+                }
+                params {
+                    $($params)*
+                    /// Farther than this from its start it ends, in metres; 0 is no limit.
+                    outside_m: f32 = 0.0, 0.0..=1000.0;
+                }
+            }
+        }
+
+        impl $crate::Task for $name {
+            fn enter(&mut self) {
+                self.0.enter();
+            }
+
+            fn step(&mut self, io: &mut $crate::Io<'_>) -> $crate::Step {
+                const PORTS: $crate::behaviours::Ports = $crate::behaviours::Ports {
+                    list: $name::LIST,
+                    pose: $name::POSE,
+                    ranges: $name::RANGES,
+                    suspended: $name::SUSPENDED,
+                    failed: $name::FAILED,
+                    outside_m: $name::OUTSIDE_M,
+                };
+                self.0.step(io, &PORTS)
+            }
+        }
+    };
+}

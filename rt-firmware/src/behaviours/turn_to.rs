@@ -1,0 +1,119 @@
+//! Turns to a heading.
+
+use super::{Behaviour, BehaviourList, Control, Scene};
+use crate::behaviour;
+use crate::odometry::wrapped_rad;
+use crate::ports::Io;
+use crate::tasks::{Pose, Ranges, Twist};
+
+/// Nearer than this is at the heading, in radians.
+const REACHED_RAD: f32 = 0.02;
+/// Farther than this the robot turns at full rate, in radians.
+const FAR_RAD: f32 = 1.0;
+/// Nearer than this it turns at the slowest rate, in radians.
+const NEAR_RAD: f32 = 0.5;
+/// The full rate in radians per second, and per radian of what is left.
+const FULL_RAD_PER_S: f32 = 0.6;
+/// The slowest rate, in radians per second.
+const SLOW_RAD_PER_S: f32 = 0.3;
+
+/// Turns until its heading in the local frame is zero. The frame's centre looks to the goal.
+///
+/// Source: Schoute, figure 4, `turn_bhv`.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TurnToLaw;
+
+behaviour! {
+    /// Behaviour: turns by `angle_rad`, counter-clockwise if positive, and ends.
+    impl TurnTo runs TurnToLaw {
+        wcet 300 us;
+        params {
+            /// By how much, in radians.
+            angle_rad: f32 = 1.5708, -3.1416..=3.1416;
+            /// How fast ahead meanwhile, in metres per second.
+            speed_m_per_s: f32 = 0.0, -0.5..=0.5;
+        }
+    }
+}
+
+impl TurnToLaw {
+    /// The turning rate for a heading in the local frame; none where it is reached.
+    pub fn rate_rad_per_s(heading_rad: f32) -> Option<f32> {
+        let left_rad = heading_rad.abs();
+        if left_rad < REACHED_RAD {
+            return None;
+        }
+        let rate = if left_rad > FAR_RAD {
+            FULL_RAD_PER_S
+        } else if left_rad > NEAR_RAD {
+            FULL_RAD_PER_S * left_rad
+        } else {
+            SLOW_RAD_PER_S
+        };
+        Some(rate.copysign(-heading_rad))
+    }
+}
+
+impl Behaviour for TurnToLaw {
+    fn centre(&self, start: Pose, io: &Io<'_>) -> Pose {
+        let heading_rad = wrapped_rad(start.heading_rad + io.param(TurnTo::ANGLE_RAD));
+        Pose {
+            heading_rad,
+            ..start
+        }
+    }
+
+    fn control(&mut self, scene: &Scene<'_>, io: &Io<'_>) -> Control {
+        match Self::rate_rad_per_s(scene.pose.heading_rad) {
+            None => Control::Done,
+            Some(turn_rad_per_s) => Control::Move(Twist {
+                forward_m_per_s: io.param(TurnTo::SPEED_M_PER_S),
+                turn_rad_per_s,
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f32::consts::{FRAC_PI_2, PI};
+
+    use super::*;
+
+    #[test]
+    fn the_rate_is_that_of_figure_4() {
+        for (heading_rad, expected) in [
+            (1.01, Some(-0.6)),
+            (-1.01, Some(0.6)),
+            (0.75, Some(-0.45)),
+            (-0.75, Some(0.45)),
+            (0.5, Some(-0.3)),
+            (-0.021, Some(0.3)),
+            (0.019, None),
+            (-0.019, None),
+        ] {
+            let rate = TurnToLaw::rate_rad_per_s(heading_rad);
+            let is_equal = match (rate, expected) {
+                (Some(rate), Some(expected)) => (rate - expected).abs() < 1e-6,
+                (rate, expected) => rate == expected,
+            };
+            assert!(is_equal, "{heading_rad}: {rate:?}");
+        }
+    }
+
+    #[test]
+    fn ideal_turns_take_as_long_as_the_law_says() {
+        // 0.6 rad/s down to 1 rad, ln 2 / 0.6 s down to 0.5 rad, 0.3 rad/s down to 0.02 rad.
+        for (angle_rad, expected_s) in [(FRAC_PI_2, 3.71), (PI, 6.32), (-FRAC_PI_2, 3.71)] {
+            const PERIOD_S: f32 = 0.01;
+            let (mut heading_rad, mut time_s) = (-angle_rad, 0.0);
+            while let Some(rate) = TurnToLaw::rate_rad_per_s(heading_rad) {
+                heading_rad += rate * PERIOD_S;
+                time_s += PERIOD_S;
+                assert!(time_s < 10.0, "it does not end");
+            }
+            let off = (time_s / expected_s - 1.0).abs();
+            assert!(off < 0.02, "{angle_rad}: {time_s} s");
+        }
+    }
+}
