@@ -187,7 +187,7 @@ fn check_nets(
     declared: &Declaration,
 ) -> Result<(), LinkError> {
     for (port, declared_port) in declared.ports.iter().enumerate() {
-        let type_hash = fnv1a(declared_port.type_name.as_bytes());
+        let type_hash = fnv1a(declared_port.type_name().as_bytes());
         let fits = task_instances_of(tables, signature_hash).all(|instance| {
             tables
                 .task_instance(instance)

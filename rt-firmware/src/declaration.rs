@@ -96,6 +96,7 @@ pub(crate) type Tell = unsafe fn(Option<NonNull<()>>, &mut Show<'_>) -> &'static
 /// What is known of a type of values.
 pub(crate) struct Kind {
     type_id: TypeId,
+    name: &'static str,
     #[cfg(feature = "telemetry")]
     tell: Tell,
 }
@@ -105,6 +106,7 @@ impl Kind {
     pub(crate) const fn new<V: PortType>(#[cfg(feature = "telemetry")] tell: Tell) -> Self {
         Kind {
             type_id: TypeId::of::<V>(),
+            name: V::NAME,
             #[cfg(feature = "telemetry")]
             tell,
         }
@@ -119,6 +121,16 @@ pub struct ValueKind(&'static Kind);
 impl ValueKind {
     pub(crate) const fn new(kind: &'static Kind) -> Self {
         ValueKind(kind)
+    }
+
+    /// [`PortType::NAME`] of the type.
+    pub fn name(self) -> &'static str {
+        self.0.name
+    }
+
+    /// The Rust type.
+    pub(crate) fn type_id(self) -> TypeId {
+        self.0.type_id
     }
 
     /// How a value of this kind is told.
@@ -158,11 +170,7 @@ impl core::fmt::Debug for ValueKind {
 pub struct PortDeclaration {
     /// Name of the port.
     pub name: &'static str,
-    /// [`PortType::NAME`] of the values.
-    pub type_name: &'static str,
-    /// The Rust type of the values.
-    pub type_id: TypeId,
-    /// The same for the executor.
+    /// The type of the values.
     #[doc(hidden)]
     pub kind: ValueKind,
     /// The way data flows.
@@ -175,6 +183,13 @@ pub struct PortDeclaration {
     /// What the port is for.
     #[doc(hidden)]
     pub docs: Docs,
+}
+
+impl PortDeclaration {
+    /// [`PortType::NAME`] of the values.
+    pub fn type_name(&self) -> &'static str {
+        self.kind.name()
+    }
 }
 
 /// A control flag as its task declares it.
@@ -319,7 +334,7 @@ impl Declaration {
                 " data ",
                 port.name,
                 ":",
-                port.type_name,
+                port.type_name(),
                 optional,
             ];
             same = same && text.starts(&pieces);
@@ -364,7 +379,14 @@ impl Declaration {
                 Some(us) => (" within ", Some(us), " us"),
             };
             let direction = port.direction.word();
-            let names = ["    ", direction, " data ", port.name, ": ", port.type_name];
+            let names = [
+                "    ",
+                direction,
+                " data ",
+                port.name,
+                ": ",
+                port.type_name(),
+            ];
             texts(&[port.docs.text()], None, "");
             texts(&names, None, optional);
             texts(&[within], time, unit);

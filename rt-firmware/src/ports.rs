@@ -824,13 +824,6 @@ pub enum RegistryFault {
         /// The name.
         type_name: &'static str,
     },
-    /// One Rust type goes by two port type names.
-    TypeUnderTwoNames {
-        /// One name.
-        first: &'static str,
-        /// The other.
-        second: &'static str,
-    },
     /// A declaration that was not made by `task!` contradicts the task's buffers.
     Inconsistent {
         /// The task's name.
@@ -907,7 +900,7 @@ impl<'m> Registry<'m> {
             for (port, declared) in declaration.ports.iter().enumerate() {
                 let buffered = bank.output(0, port).map(|buffers| buffers.type_id());
                 let expected = (declared.direction != Direction::In && bank.capacity() > 0)
-                    .then_some(declared.type_id);
+                    .then_some(declared.kind.type_id());
                 if buffered != expected {
                     return Err(RegistryFault::Inconsistent {
                         task: declaration.name,
@@ -918,22 +911,9 @@ impl<'m> Registry<'m> {
                     .take(index + 1)
                     .flat_map(|other| other.ports)
                 {
-                    match (
-                        other.type_name == declared.type_name,
-                        other.type_id == declared.type_id,
-                    ) {
-                        (true, false) => {
-                            return Err(RegistryFault::TypeNameTwice {
-                                type_name: declared.type_name,
-                            });
-                        }
-                        (false, true) => {
-                            return Err(RegistryFault::TypeUnderTwoNames {
-                                first: other.type_name,
-                                second: declared.type_name,
-                            });
-                        }
-                        _ => {}
+                    let type_name = declared.type_name();
+                    if other.type_name() == type_name && !other.kind.is(declared.kind) {
+                        return Err(RegistryFault::TypeNameTwice { type_name });
                     }
                 }
             }

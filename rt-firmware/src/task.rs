@@ -217,8 +217,6 @@ macro_rules! task {
                     ports: &[$($(
                         $crate::task::PortDeclaration {
                             name: stringify!($port),
-                            type_name: stringify!($port_type),
-                            type_id: ::core::any::TypeId::of::<$port_type>(),
                             kind: $crate::ports::ValueKind::of::<$port_type>(),
                             direction: $crate::__task_direction!($direction),
                             optional: false $(|| $crate::task::same_text(stringify!($attribute), "optional"))*,

@@ -148,8 +148,11 @@ impl BehaviourList {
         let Some(place) = self.place(key) else {
             return false;
         };
-        if let Some(behind) = self.present_mut().get_mut(place..) {
-            behind.rotate_left(1);
+        // Those behind it move up, one after the other.
+        for place in place + 1..self.len() {
+            if let Some(entry) = self.present().get(place).copied() {
+                self.put(place - 1, entry);
+            }
         }
         self.len -= 1;
         true
@@ -214,14 +217,20 @@ impl BehaviourList {
 
     fn insert(&mut self, place: usize, key: Key) {
         self.len += 1;
-        if let Some(behind) = self.present_mut().get_mut(place..) {
-            behind.rotate_right(1);
-            if let Some(entry) = behind.first_mut() {
-                *entry = Entry {
-                    key,
-                    ..Entry::default()
-                };
+        let mut moved = Entry {
+            key,
+            ..Entry::default()
+        };
+        for place in place..self.len() {
+            if let Some(entry) = self.present_mut().get_mut(place) {
+                core::mem::swap(entry, &mut moved);
             }
+        }
+    }
+
+    fn put(&mut self, place: usize, entry: Entry) {
+        if let Some(at) = self.present_mut().get_mut(place) {
+            *at = entry;
         }
     }
 

@@ -90,7 +90,7 @@ pub enum Control {
 }
 
 /// A control law.
-pub trait Behaviour: Default + Send {
+pub trait Behaviour: Send {
     /// The centre of its local frame: the robot's pose when the behaviour comes onto the list,
     /// unless the law says otherwise.
     fn centre(&self, start: Pose, _io: &Io<'_>) -> Pose {

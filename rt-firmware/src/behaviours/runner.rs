@@ -61,7 +61,7 @@ enum Role {
     Gone,
 }
 
-impl<B: Behaviour> Runner<B> {
+impl<B: Behaviour + Default> Runner<B> {
     /// Its state was entered anew.
     pub fn enter(&mut self) {
         self.law = B::default();
@@ -70,32 +70,36 @@ impl<B: Behaviour> Runner<B> {
 
     /// Takes part in the list, and in its turn says how to move.
     pub fn step(&mut self, io: &mut Io<'_>, ports: &Ports) -> Step {
-        let Some(pose) = io.try_read(ports.pose).copied() else {
-            // Nobody knows where its local frame is to be, or where the robot is in it.
-            return self.place.stand(io, ports);
-        };
-        if self.place.is_new {
-            let centre = self.law.centre(pose, io);
-            if let Some(step) = self.place.come(io, ports, centre) {
-                return step;
-            }
-        }
-        let role = self.place.role(io, ports);
-        if role != Role::Executes {
-            return self.place.wait(io, ports, role);
-        }
-        let scene = Scene {
-            pose: self.place.centre.to_local(pose),
-            ranges: io.try_read(ports.ranges),
-            period_us: io.period_us(),
-        };
-        let control = self.law.control(&scene, io);
-        self.place.obey(io, ports, &scene, control)
+        self.place.step(io, ports, &mut self.law)
     }
 }
 
-// Apart from the law, so that it is there once.
 impl Place {
+    // Apart from the law, so that it is there once for all laws.
+    fn step(&mut self, io: &mut Io<'_>, ports: &Ports, law: &mut dyn Behaviour) -> Step {
+        let Some(pose) = io.try_read(ports.pose).copied() else {
+            // Nobody knows where its local frame is to be, or where the robot is in it.
+            return self.stand(io, ports);
+        };
+        if self.is_new {
+            let centre = law.centre(pose, io);
+            if let Some(step) = self.come(io, ports, centre) {
+                return step;
+            }
+        }
+        let role = self.role(io, ports);
+        if role != Role::Executes {
+            return self.wait(io, ports, role);
+        }
+        let scene = Scene {
+            pose: self.centre.to_local(pose),
+            ranges: io.try_read(ports.ranges),
+            period_us: io.period_us(),
+        };
+        let control = law.control(&scene, io);
+        self.obey(io, ports, &scene, control)
+    }
+
     fn stand(&mut self, io: &mut Io<'_>, ports: &Ports) -> Step {
         if !self.is_new {
             let role = self.role(io, ports);
