@@ -285,7 +285,7 @@ pub struct Declaration {
     pub docs: Docs,
 }
 
-/// What something is for, as lines of `.esm` text with their ends.
+/// What something is for: what stands behind `///` in `.esm` text, in lines with their ends.
 #[cfg(feature = "docs")]
 #[doc(hidden)]
 #[derive(Clone, Copy, Debug)]
@@ -304,6 +304,16 @@ impl Docs {
         #[cfg(not(feature = "docs"))]
         let text = "";
         text
+    }
+
+    /// Tells the lines, each as a comment behind `indent`.
+    fn tell(self, indent: &str, tell: &mut dyn FnMut(&[u8])) {
+        let lines = self.text().as_bytes();
+        for line in lines.split_inclusive(|byte| *byte == b'\n') {
+            for piece in [indent.as_bytes(), b"///", line] {
+                tell(piece);
+            }
+        }
     }
 }
 
@@ -355,65 +365,53 @@ impl Declaration {
     /// Tells the declaration as `.esm` text, piece by piece, with what it is for, default slot,
     /// ranges and default values. `count` is how many of the task a firmware has room for.
     pub fn tell_source(&self, count: u32, tell: &mut dyn FnMut(&[u8])) {
-        let mut texts = |pieces: &[&str], number: Option<u32>, end: &str| {
-            pieces.iter().for_each(|piece| tell(piece.as_bytes()));
-            if let Some(number) = number {
-                tell_number(number, tell);
-            }
-            tell(end.as_bytes());
-        };
-        let head = [
-            self.docs.text(),
-            "task ",
-            self.name,
-            self.attributes,
-            " count ",
-        ];
-        texts(&head, Some(count), " {\n");
+        const INDENT: &str = "    ";
+        let mut line =
+            |indent: &str, docs: Docs, pieces: &[&str], number: Option<u32>, end: &str| {
+                docs.tell(indent, tell);
+                let pieces = core::iter::once(indent).chain(pieces.iter().copied());
+                pieces.for_each(|piece| tell(piece.as_bytes()));
+                if let Some(number) = number {
+                    tell_number(number, tell);
+                }
+                tell(end.as_bytes());
+            };
+        let head = ["task ", self.name, self.attributes, " count "];
+        line("", self.docs, &head, Some(count), " {\n");
         for port in self.ports {
             let optional = if port.optional { " optional" } else { "" };
-            let (within, time, unit) = match port.within_us {
-                None => ("", None, ""),
-                Some(us) if us % 1_000_000 == 0 => (" within ", Some(us / 1_000_000), " s"),
-                Some(us) if us % 1_000 == 0 => (" within ", Some(us / 1_000), " ms"),
-                Some(us) => (" within ", Some(us), " us"),
+            let (within, time, end) = match port.within_us {
+                None => ("", None, ";\n"),
+                Some(us) if us % 1_000_000 == 0 => (" within ", Some(us / 1_000_000), " s;\n"),
+                Some(us) if us % 1_000 == 0 => (" within ", Some(us / 1_000), " ms;\n"),
+                Some(us) => (" within ", Some(us), " us;\n"),
             };
-            let direction = port.direction.word();
-            let names = [
-                "    ",
-                direction,
+            let pieces = [
+                port.direction.word(),
                 " data ",
                 port.name,
                 ": ",
                 port.type_name(),
+                optional,
+                within,
             ];
-            texts(&[port.docs.text()], None, "");
-            texts(&names, None, optional);
-            texts(&[within], time, unit);
-            texts(&[";\n"], None, "");
+            line(INDENT, port.docs, &pieces, time, end);
         }
         for flag in self.flags {
-            let pieces = [
-                flag.docs.text(),
-                "    ",
-                flag.direction.word(),
-                " flag ",
-                flag.name,
-            ];
-            texts(&pieces, None, ";\n");
+            let pieces = [flag.direction.word(), " flag ", flag.name];
+            line(INDENT, flag.docs, &pieces, None, ";\n");
         }
         for param in self.params {
             let pieces = [
-                param.docs.text(),
-                "    param ",
+                "param ",
                 param.name,
                 ": ",
                 param.kind.word(),
                 param.attributes,
             ];
-            texts(&pieces, None, ";\n");
+            line(INDENT, param.docs, &pieces, None, ";\n");
         }
-        texts(&["}\n"], None, "");
+        tell(b"}\n");
     }
 }
 

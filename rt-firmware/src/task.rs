@@ -221,14 +221,14 @@ macro_rules! task {
                             direction: $crate::__task_direction!($direction),
                             optional: false $(|| $crate::task::same_text(stringify!($attribute), "optional"))*,
                             within_us: $crate::__task_within!($($($time $unit)?)*),
-                            docs: $crate::__task_docs!("    " $($port_doc)*),
+                            docs: $crate::__task_docs!($($port_doc)*),
                         },
                     )*)?],
                     flags: &[$($(
                         $crate::task::FlagDeclaration {
                             name: stringify!($flag),
                             direction: $crate::__task_direction!($flag_direction),
-                            docs: $crate::__task_docs!("    " $($flag_doc)*),
+                            docs: $crate::__task_docs!($($flag_doc)*),
                         },
                     )*)?],
                     params: &[$($(
@@ -239,7 +239,7 @@ macro_rules! task {
                             attributes: concat!(
                                 $(" = ", stringify!($default),)? $(" min ", stringify!($min), " max ", stringify!($max),)?
                             ),
-                            docs: $crate::__task_docs!("    " $($param_doc)*),
+                            docs: $crate::__task_docs!($($param_doc)*),
                         },
                     )*)?],
                     signature_hash: $crate::task::signature_hash(<Self as $crate::task::Declared>::SIGNATURE),
@@ -250,7 +250,7 @@ macro_rules! task {
                         $(" exclusive ", stringify!($group),)?
                         $($crate::__task_endless!($endless " endless"),)?
                     ),
-                    docs: $crate::__task_docs!("" $($doc)*),
+                    docs: $crate::__task_docs!($($doc)*),
                 }
             };
             type Outputs = $crate::__task_outputs!(
@@ -369,8 +369,8 @@ macro_rules! __task_endless {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __task_docs {
-    ($indent:literal $($doc:literal)*) => {
-        $crate::task::Docs(concat!($($indent, "///", $doc, "\n",)*))
+    ($($doc:literal)*) => {
+        $crate::task::Docs(concat!($($doc, "\n",)*))
     };
 }
 
@@ -379,7 +379,7 @@ macro_rules! __task_docs {
 #[doc(hidden)]
 #[macro_export]
 macro_rules! __task_docs {
-    ($indent:literal $($doc:literal)*) => {
+    ($($doc:literal)*) => {
         $crate::task::Docs
     };
 }

@@ -148,6 +148,10 @@ macro_rules! behaviour {
         }
 
         impl $crate::Task for $name {
+            fn reset(&mut self) {
+                self.0.reset();
+            }
+
             fn enter(&mut self) {
                 self.0.enter();
             }

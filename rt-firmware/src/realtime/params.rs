@@ -301,7 +301,7 @@ mod tests {
             kind,
             bounds,
             attributes: "",
-            docs: crate::__task_docs!(""),
+            docs: crate::__task_docs!(),
         };
         let f32 = |value: f32| value.to_bits();
         let outside = |min, max| Err(LinkError::ParamOutside { min, max });
