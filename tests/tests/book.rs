@@ -547,6 +547,8 @@ fn stock() -> tempfile::TempDir {
         esm(&[run.as_slice(), &kept].concat()).good();
     }
     esm(&["key", "new", "-o", &path("robot7.key")]).good();
+    let ticks = "t_us,left,right\n0,65000,0\n20000,65030,32\n40000,65060,64\n";
+    std::fs::write(path("ticks.csv"), ticks).unwrap();
     folder
 }
 

@@ -39,6 +39,7 @@ pub mod key;
 pub mod log;
 pub mod lsp;
 pub mod mission;
+pub mod odometry;
 pub mod param;
 pub mod ports;
 pub mod recorder;
@@ -121,6 +122,7 @@ pub enum Command {
     Flash(flash::FlashArgs),
     Wiring(wiring::WiringArgs),
     Replay(replay::ReplayArgs),
+    Odometry(odometry::OdometryArgs),
     Upload(upload::UploadArgs),
     Confirm(confirm::ConfirmArgs),
     Fallback(fallback::FallbackArgs),
@@ -211,6 +213,7 @@ pub fn execute(
         Command::Flash(args) => flash::execute(args, console),
         Command::Wiring(args) => wiring::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
+        Command::Odometry(args) => odometry::execute(args, console),
         Command::Upload(args) => upload::execute(args, console),
         Command::Confirm(args) => confirm::execute(args, console),
         Command::Fallback(args) => fallback::execute(args, console),
