@@ -317,7 +317,7 @@ fn the_firmware_comes_to_the_same_end() {
     let mut text = String::from("t_us,left,right\n");
     for row in 0..ROWS {
         let [left_m, right_m] = [left.take_counts(), right.take_counts()]
-            .map(|counts| f32::from(counts) * metres_per_count);
+            .map(|counts| counts as f32 * metres_per_count);
         pose = pose.rolled(left_m, right_m, (measures.base_mm / 1_000.0) as f32);
         text += &format!("{},{},{}\n", row * 20_000, cells[0].get(), cells[1].get());
         let bend = (30.0 * libm::sin(f64::from(row) / 300.0)) as i16;
