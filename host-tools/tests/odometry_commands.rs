@@ -89,6 +89,77 @@ fn a_wheel_that_turns_far_at_once_is_doubted_unless_the_width_is_said() {
 }
 
 #[test]
+fn squares_tell_the_wheels_from_a_table_or_from_the_command_line() {
+    let table = "direction,x_mm,y_mm\ncw,-50,-70\ncw,-70,-50\nccw,-20,20\n";
+    let folder = Folder::new(&[("squares.csv", table)]);
+    let measures = "--side-mm 1000 --base-mm 200 --json";
+    let said = folder.json(&format!("umbmark squares.csv {measures}"));
+    for (key, expected) in [
+        ("e_max_syst_mm", 84.852_813_742),
+        ("alpha_deg", 1.145_915_590),
+        ("beta_deg", 0.572_957_795),
+        ("radius_mm", 100_000.416_667_882),
+        ("base_mm", 202.579_320_0),
+        ("e_b", 1.012_896_600),
+        ("e_d", 1.002_027_839),
+        ("left_diameter_factor", 0.998_987_108),
+        ("right_diameter_factor", 1.001_012_892),
+    ] {
+        let value = said[key].as_f64().unwrap();
+        assert!((value / expected - 1.0).abs() < 1e-7, "{key}: {said}");
+    }
+    assert_eq!(said["cw"]["runs"], 2);
+    assert_eq!(said["ccw"]["x_mm"], -20.0);
+    let flags = "umbmark --cw -50,-70 --cw -70,-50 --ccw -20,20";
+    assert_eq!(folder.json(&format!("{flags} {measures}")), said);
+    let (status, out, _) = folder.esm("umbmark squares.csv --side-mm 1000 --base-mm 200");
+    assert!(
+        status == 0 && out.contains("202.58 mm in the place of 200 mm"),
+        "{out}"
+    );
+    let flat = "umbmark --cw -1,-1 --ccw -1,1 --side-mm 1000 --base-mm 200 --json";
+    assert!(folder.json(flat)["radius_mm"].is_null());
+}
+
+#[test]
+fn squares_that_say_nothing_are_told_with_the_status_of_the_manual() {
+    let folder = Folder::new(&[
+        ("one.csv", "cw,1,2\n"),
+        ("left.csv", "cw,1,2\nleft,1,2\n"),
+        ("good.csv", "cw,1,2\nccw,1,2\n"),
+    ]);
+    for (arguments, status, said) in [
+        ("good.csv --base-mm 200", 0, ""),
+        (
+            "one.csv --base-mm 200",
+            1,
+            "one.csv: there are 1 clockwise and 0 counter",
+        ),
+        (
+            "left.csv --base-mm 200",
+            1,
+            "left.csv:2: the direction is `left`",
+        ),
+        (
+            "none.csv --base-mm 200",
+            1,
+            "cannot read the table of squares none.csv",
+        ),
+        ("good.csv --base-mm 2000", 1, "shorter than the wheel base"),
+        ("--cw 1,2 --base-mm 200", 2, "0 counter-clockwise runs"),
+        ("--cw 1;2 --base-mm 200", 2, "expected two numbers"),
+        ("good.csv --cw 1,2 --base-mm 200", 2, "cannot be used with"),
+        ("--base-mm 200", 2, "required"),
+        ("good.csv --base-mm 0", 2, "above zero"),
+        ("good.csv", 2, "--base-mm"),
+    ] {
+        let (found, _, err) = folder.esm(&format!("umbmark {arguments} --side-mm 1000"));
+        assert_eq!(found, status, "{arguments}: {err}");
+        assert!(err.contains(said), "{arguments}: {err}");
+    }
+}
+
+#[test]
 fn what_is_wrong_is_told_with_its_place_and_the_status_of_the_manual() {
     let folder = Folder::new(&[
         ("empty.csv", ""),

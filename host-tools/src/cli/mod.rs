@@ -57,6 +57,7 @@ pub mod tasks;
 pub mod terminal;
 pub mod test;
 pub mod top;
+pub mod umbmark;
 pub mod upload;
 pub mod values;
 pub mod wiring;
@@ -123,6 +124,7 @@ pub enum Command {
     Wiring(wiring::WiringArgs),
     Replay(replay::ReplayArgs),
     Odometry(odometry::OdometryArgs),
+    Umbmark(umbmark::UmbmarkArgs),
     Upload(upload::UploadArgs),
     Confirm(confirm::ConfirmArgs),
     Fallback(fallback::FallbackArgs),
@@ -214,6 +216,7 @@ pub fn execute(
         Command::Wiring(args) => wiring::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
         Command::Odometry(args) => odometry::execute(args, console),
+        Command::Umbmark(args) => umbmark::execute(args, console),
         Command::Upload(args) => upload::execute(args, console),
         Command::Confirm(args) => confirm::execute(args, console),
         Command::Fallback(args) => fallback::execute(args, console),

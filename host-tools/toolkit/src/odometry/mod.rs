@@ -5,8 +5,10 @@
 //! |---|---|
 //! | [`arc`] | the pose after a way along an arc, exactly |
 //! | [`tick_log`] | tables of encoder counts, and the way that they tell |
+//! | [`umbmark`] | squares, and what they say of a robot's wheels |
 //!
 //! A firmware does the same in `f32` ([`rt_firmware::odometry`]); a test here compares the two.
 
 pub mod arc;
 pub mod tick_log;
+pub mod umbmark;
