@@ -133,7 +133,7 @@ fn squares_that_say_nothing_are_told_with_the_status_of_the_manual() {
         (
             "one.csv --base-mm 200",
             1,
-            "one.csv: there are 1 clockwise and 0 counter",
+            "one.csv: runs clockwise: 1, counter-clockwise: 0",
         ),
         (
             "left.csv --base-mm 200",
@@ -146,7 +146,7 @@ fn squares_that_say_nothing_are_told_with_the_status_of_the_manual() {
             "cannot read the table of squares none.csv",
         ),
         ("good.csv --base-mm 2000", 1, "shorter than the wheel base"),
-        ("--cw 1,2 --base-mm 200", 2, "0 counter-clockwise runs"),
+        ("--cw 1,2 --base-mm 200", 2, "counter-clockwise: 0"),
         ("--cw 1;2 --base-mm 200", 2, "expected two numbers"),
         ("good.csv --cw 1,2 --base-mm 200", 2, "cannot be used with"),
         ("--base-mm 200", 2, "required"),

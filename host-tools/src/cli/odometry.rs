@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::console::Console;
 use super::exit::CommandError;
 use super::{argument, file};
+use crate::clean::counted;
 use crate::odometry::tick_log::{CounterWidth, Measures, Reckoned, TickLog};
 
 /// Works out from a log of encoder ticks where a robot has gone
@@ -128,9 +129,9 @@ pub fn execute(args: &OdometryArgs, console: &mut Console) -> Result<(), Command
     let out = console.out();
     writeln!(
         out,
-        "{}: {} rows, counters of {bits} bits",
+        "{}: {}, counters of {bits} bits",
         args.log.display(),
-        reckoned.rows
+        counted(reckoned.rows, "row")
     )?;
     for (name, value, unit) in [
         ("x", reckoned.x_mm, "mm"),
@@ -147,7 +148,9 @@ pub fn execute(args: &OdometryArgs, console: &mut Console) -> Result<(), Command
             "degrees, counter-clockwise",
         ),
     ] {
-        writeln!(out, "  {name:<8} {value:>12.3} {unit}")?;
+        // None of them is shown as -0.000.
+        let shown = if value.abs() < 0.0005 { 0.0 } else { value };
+        writeln!(out, "  {name:<8} {shown:>12.3} {unit}")?;
     }
     Ok(())
 }

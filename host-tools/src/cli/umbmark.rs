@@ -10,6 +10,7 @@ use serde::Serialize;
 use super::console::Console;
 use super::exit::CommandError;
 use super::{argument, file};
+use crate::clean::counted;
 use crate::odometry::umbmark::{Direction, Evaluation, Offset, Squares};
 
 /// Works out a robot's wheel base and the ratio of its wheels from squares that it drove
@@ -155,8 +156,11 @@ fn tell(args: &UmbmarkArgs, answer: &Answer, console: &mut Console) -> Result<()
     ] {
         writeln!(
             out,
-            "{name:<18} {} runs end around x {:.1} mm, y {:.1} mm, {:.1} mm from their start",
-            centre.runs, centre.x_mm, centre.y_mm, centre.r_mm
+            "{name:<18} {}, on average to x {:.1} mm, y {:.1} mm: {:.1} mm off",
+            counted(centre.runs, "run"),
+            centre.x_mm,
+            centre.y_mm,
+            centre.r_mm
         )?;
     }
     writeln!(out, "E_max,syst         {:.1} mm", answer.e_max_syst_mm)?;

@@ -4,6 +4,8 @@
 //! others. Without such a line the columns are the wanted ones, in their order. Blanks around a
 //! field, quotes around it, `\r` at the end of a line and a byte order mark mean nothing.
 
+use crate::clean::counted;
+
 /// Where the wanted columns of a table are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Columns<const N: usize> {
@@ -36,7 +38,7 @@ pub enum RowError {
         name: &'static str,
     },
     /// The row has too few or too many columns.
-    #[error("there are {found} columns, and {expected} are expected, with commas between: {why}")]
+    #[error("{} found, and {expected} expected, with commas between: {why}", counted(*found as u64, "column"))]
     Count {
         /// How many there are.
         found: usize,
@@ -154,10 +156,14 @@ mod tests {
         for (first, row, said) in [
             ("t_us,left", "", "no column `right`"),
             ("left,right,left,t_us", "", "two columns `left`"),
-            ("1,2,3", "1,2", "2 columns, and 3 are expected"),
-            ("1,2,3", "1;2;3", "1 columns, and 3 are expected"),
-            ("1,2,3", "1,2,3,", "4 columns, and 3 are expected"),
-            ("a,t_us,left,right", "1,2,3", "3 columns, and 4 are"),
+            ("1,2,3", "1,2", "2 columns found, and 3 expected"),
+            ("1,2,3", "1;2;3", "1 column found, and 3 expected"),
+            ("1,2,3", "1,2,3,", "4 columns found, and 3 expected"),
+            (
+                "a,t_us,left,right",
+                "1,2,3",
+                "3 columns found, and 4 expected",
+            ),
         ] {
             let error = Columns::of_first_line(first, NAMES)
                 .and_then(|columns| columns.fields(row).map(|_| ()))

@@ -136,7 +136,7 @@ pub enum LineError {
 pub enum EvaluationError {
     /// All runs went the same way round, or there are none.
     #[error(
-        "there are {clockwise} clockwise and {counter_clockwise} counter-clockwise runs: drive at least one of each, better five"
+        "runs clockwise: {clockwise}, counter-clockwise: {counter_clockwise}; drive at least one of each, better five"
     )]
     OneSided {
         /// Runs clockwise.
@@ -379,7 +379,7 @@ mod tests {
         ] {
             let robot = Robot::built(e_b, e_d);
             let found = robot.evaluated();
-            // A tenth of what is wrong in second order, of a wrong base and of a bend.
+            // To first order: right to a tenth of what is wrong.
             assert!((found.e_b - e_b).abs() < 1e-3, "{e_b} {e_d}: {found:?}");
             assert!((found.e_d - e_d).abs() < 1e-4, "{e_b} {e_d}: {found:?}");
             let again = robot.corrected(&found).evaluated();
@@ -439,10 +439,14 @@ mod tests {
     #[test]
     fn what_says_nothing_of_a_robot_is_told() {
         for (table, side_mm, said) in [
-            ("", SIDE_MM, "0 clockwise and 0 counter-clockwise runs"),
-            ("cw,1,2\ncw,1,2", SIDE_MM, "2 clockwise and 0 counter"),
+            ("", SIDE_MM, "clockwise: 0, counter-clockwise: 0"),
+            (
+                "cw,1,2\ncw,1,2",
+                SIDE_MM,
+                "clockwise: 2, counter-clockwise: 0",
+            ),
             ("left,1,2", SIDE_MM, "the direction is `left`"),
-            ("cw,1", SIDE_MM, "2 columns, and 3 are expected"),
+            ("cw,1", SIDE_MM, "2 columns found, and 3 expected"),
             ("cw,1,far", SIDE_MM, "y_mm is `far`"),
             ("cw,nan,1", SIDE_MM, "x_mm is `nan`"),
             ("cw,1e9,1", SIDE_MM, "x_mm is `1e9`"),

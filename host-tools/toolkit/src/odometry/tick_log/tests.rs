@@ -243,8 +243,8 @@ fn what_is_no_log_is_told_with_its_line() {
         ),
         ("0,1,inf\n", "1: right is `inf`: expected a count that fits"),
         ("0,1,18446744073709551615\n", "expected a count that fits"),
-        ("0,1,2\n1,2\n", "2: there are 2 columns, and 3 are expected"),
-        ("0;1;2\n", "1: there are 1 columns, and 3 are expected"),
+        ("0,1,2\n1,2\n", "2: 2 columns found, and 3 expected"),
+        ("0;1;2\n", "1: 1 column found, and 3 expected"),
     ] {
         let error = read_with(text, UNIT, None).unwrap_err();
         assert!(error.contains(said), "{text:?}: {error}");
