@@ -14,7 +14,8 @@ pub use esm_client::{
 };
 pub use esm_toolkit::{
     boards, bound, clean, compile, counters, diagram, fit, inspect, language_server, model,
-    nearest, parameters, pictures, schedule, sim, task_page, timetable, trace, trace_events, world,
+    nearest, odometry, parameters, pictures, schedule, sim, task_page, timetable, trace,
+    trace_events, world,
 };
 
 /// The language front end, and its files on disk.

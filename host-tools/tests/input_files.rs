@@ -17,7 +17,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 const MOST_MEMORY_KIB: u64 = 2 << 20;
 
 /// Commands, with `{}` in the place of the file and `@` in that of a folder to write to.
-const COMMANDS: [&str; 27] = [
+const COMMANDS: [&str; 29] = [
     "check {}",
     "fmt {}",
     "fmt --check {}",
@@ -42,6 +42,8 @@ const COMMANDS: [&str; 27] = [
     "replay {}",
     "replay {} --step",
     "replay {} --expect missions/patrol.esm",
+    "odometry {} --ticks-per-rev 1440 --wheel-radius-mm 32.3 --base-mm 160",
+    "umbmark {} --side-mm 1000 --base-mm 160",
     "upload {} --port unix:@/nobody",
     "key show --key {}",
     "tasks --board lm3s6965 --firmware {}",

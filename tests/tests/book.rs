@@ -548,6 +548,10 @@ fn stock() -> tempfile::TempDir {
         esm(&[run.as_slice(), &kept].concat()).good();
     }
     esm(&["key", "new", "-o", &path("robot7.key")]).good();
+    let ticks = "t_us,left,right\n0,65000,0\n20000,65030,32\n40000,65060,64\n";
+    std::fs::write(path("ticks.csv"), ticks).unwrap();
+    let squares = "direction,x_mm,y_mm\ncw,-12,-20\ncw,-15,-18\nccw,-4,9\nccw,-6,8\n";
+    std::fs::write(path("squares.csv"), squares).unwrap();
     folder
 }
 

@@ -146,7 +146,13 @@ fn set_x_to_zero() -> pio::Instruction {
 }
 
 impl<SM: StateMachineIndex> EncoderCounter for Counter<SM> {
+    const BITS: u32 = u32::BITS;
+
     fn count(&mut self) -> u16 {
+        self.wide_count() as u16
+    }
+
+    fn wide_count(&mut self) -> u32 {
         // What is in the FIFO is old. A new count comes with the next look at the pins.
         for _ in 0..FIFO_COUNTS {
             if self.counts.read().is_none() {
@@ -159,10 +165,9 @@ impl<SM: StateMachineIndex> EncoderCounter for Counter<SM> {
                 break;
             }
         }
-        let count = self.last as u16;
         match self.is_reversed {
-            true => count.wrapping_neg(),
-            false => count,
+            true => self.last.wrapping_neg(),
+            false => self.last,
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Files that commands read and write.
 
+use std::fmt;
 use std::fs::{self, File, OpenOptions, Permissions};
-use std::io::{self, BufWriter, Read, Write};
+use std::io::{self, BufRead, BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
@@ -50,6 +51,51 @@ pub fn read_text(path: &Path, what: &str) -> Result<String, CommandError> {
         ))
     };
     String::from_utf8(bytes).map_err(refusal)
+}
+
+/// The longest line of a table that is read. One of a tick log has some thirty bytes.
+const MAX_LINE_BYTES: u64 = 64 << 10;
+
+/// Hands on the lines of a table, one by one and with their ends, so that a long one takes no more
+/// memory than a short one. What `take` says against a line is told with file and line.
+///
+/// # Errors
+/// If the file cannot be read, has a line without end, or is no file, or if `take` fails: then the
+/// input has an error.
+pub fn each_line<E: fmt::Display>(
+    path: &Path,
+    what: &str,
+    mut take: impl FnMut(&[u8]) -> Result<(), E>,
+) -> Result<(), CommandError> {
+    let unread = |error: io::Error| {
+        CommandError::Input(anyhow!(
+            "cannot read the {what} {}: {error}{}",
+            path.display(),
+            meant(path)
+        ))
+    };
+    let mut table = BufReader::new(files::open(path).map_err(unread)?);
+    let mut line = Vec::new();
+    for number in 1_u64.. {
+        line.clear();
+        let limited = (&mut table)
+            .take(MAX_LINE_BYTES)
+            .read_until(b'\n', &mut line);
+        let is_cut = limited.map_err(unread)? as u64 == MAX_LINE_BYTES && !line.ends_with(b"\n");
+        let wrong = |error: &dyn fmt::Display| {
+            CommandError::Input(anyhow!("{}:{number}: {error}", path.display()))
+        };
+        if is_cut {
+            return Err(wrong(&format_args!(
+                "it is longer than {MAX_LINE_BYTES} bytes: is this a {what}?"
+            )));
+        }
+        if line.is_empty() {
+            break;
+        }
+        take(&line).map_err(|error| wrong(&error))?;
+    }
+    Ok(())
 }
 
 /// Endings of files that people write.
@@ -325,6 +371,39 @@ mod tests {
             .collect();
         names.sort();
         names
+    }
+
+    #[test]
+    fn lines_are_handed_on_one_by_one_and_a_wrong_one_is_named() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("table.csv");
+        let long = "1".repeat(MAX_LINE_BYTES as usize);
+        for (text, taken, said) in [
+            ("a\r\nb\n", "a\r\n|b\n|", None),
+            ("a\n\nb", "a\n|\n|b|", None),
+            ("", "", None),
+            ("a\nwrong\nb", "a\n|", Some("table.csv:2: no")),
+            (
+                &format!("a\n{long}"),
+                "a\n|",
+                Some("table.csv:2: it is longer than 65536"),
+            ),
+        ] {
+            fs::write(&path, text).unwrap();
+            let mut lines = String::new();
+            let ended = each_line(&path, "table", |line| {
+                let line = std::str::from_utf8(line).unwrap();
+                if line.starts_with("wrong") {
+                    return Err("no");
+                }
+                lines += &format!("{line}|");
+                Ok(())
+            });
+            assert_eq!(lines, taken, "{text}");
+            let error = ended.err().map(|error| error.to_string());
+            assert_eq!(error.is_some(), said.is_some(), "{error:?}");
+            assert!(error.is_none_or(|error| error.contains(said.unwrap())));
+        }
     }
 
     #[test]

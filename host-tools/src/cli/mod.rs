@@ -39,6 +39,7 @@ pub mod key;
 pub mod log;
 pub mod lsp;
 pub mod mission;
+pub mod odometry;
 pub mod param;
 pub mod ports;
 pub mod recorder;
@@ -57,6 +58,7 @@ pub mod tasks;
 pub mod terminal;
 pub mod test;
 pub mod top;
+pub mod umbmark;
 pub mod upload;
 pub mod values;
 pub mod wiring;
@@ -122,6 +124,8 @@ pub enum Command {
     Flash(flash::FlashArgs),
     Wiring(wiring::WiringArgs),
     Replay(replay::ReplayArgs),
+    Odometry(odometry::OdometryArgs),
+    Umbmark(umbmark::UmbmarkArgs),
     Upload(upload::UploadArgs),
     Confirm(confirm::ConfirmArgs),
     Fallback(fallback::FallbackArgs),
@@ -212,6 +216,8 @@ pub fn execute(
         Command::Flash(args) => flash::execute(args, console),
         Command::Wiring(args) => wiring::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
+        Command::Odometry(args) => odometry::execute(args, console),
+        Command::Umbmark(args) => umbmark::execute(args, console),
         Command::Upload(args) => upload::execute(args, console),
         Command::Confirm(args) => confirm::execute(args, console),
         Command::Fallback(args) => fallback::execute(args, console),

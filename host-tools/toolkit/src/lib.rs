@@ -29,6 +29,7 @@ pub mod language_server;
 pub mod mission_hash;
 pub mod model;
 pub mod nearest;
+pub mod odometry;
 pub mod parameters;
 pub mod pictures;
 pub mod plant;
@@ -40,6 +41,7 @@ pub mod scenario;
 pub mod schedule;
 pub mod sim;
 mod superstates;
+pub mod table;
 pub mod task_page;
 #[cfg(test)]
 mod test_disk;

@@ -4,11 +4,20 @@
 //! All three read a register that hardware keeps up to date, so none of them can fail or has to
 //! wait.
 
-/// The counter of a quadrature encoder.
+/// The counter of a quadrature encoder, which wraps at both ends of its range.
 pub trait EncoderCounter {
-    /// The count now: up when the wheel turns forwards, down when it turns backwards, wrapping at
-    /// both ends of `u16`.
+    /// Bits of the counter, 1 to 32. A wheel is followed as long as it turns by less than half of
+    /// the counter's range between two looks.
+    const BITS: u32 = u16::BITS;
+
+    /// The count now, in its lowest 16 bits: up when the wheel turns forwards, down when it turns
+    /// backwards.
     fn count(&mut self) -> u16;
+
+    /// The count now, in all of its bits; a counter with more than 16 says them.
+    fn wide_count(&mut self) -> u32 {
+        self.count().into()
+    }
 }
 
 /// What the timer at a sonar's echo pin has seen since the last trigger.

@@ -1,7 +1,6 @@
 //! Laws that several tasks move by.
 
 use super::values::{Chassis, Pose, Twist, WheelSpeeds};
-use crate::odometry::{sine_and_cosine, wrapped_rad};
 
 /// How to come to a goal and stand there: slower as it comes near, never slower than what friction
 /// lets move, never faster than wanted. All are for one dimension, in metres or in radians.
@@ -43,11 +42,7 @@ pub fn ramped(value: f32, goal: f32, most_change: f32) -> f32 {
 /// A straight line on the floor: from a pose on, the way that it looked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
-    x_m: f32,
-    y_m: f32,
-    heading_rad: f32,
-    sine: f32,
-    cosine: f32,
+    start: Pose,
 }
 
 /// Where a robot is, seen from a [`Track`].
@@ -64,23 +59,16 @@ pub struct OnTrack {
 impl Track {
     /// The line from here on.
     pub fn from_pose(start: &Pose) -> Self {
-        let (sine, cosine) = sine_and_cosine(start.heading_rad);
-        Self {
-            x_m: start.x_m,
-            y_m: start.y_m,
-            heading_rad: start.heading_rad,
-            sine,
-            cosine,
-        }
+        Self { start: *start }
     }
 
     /// Where this pose is.
     pub fn locate(&self, pose: &Pose) -> OnTrack {
-        let (x_m, y_m) = (pose.x_m - self.x_m, pose.y_m - self.y_m);
+        let seen = self.start.to_local(*pose);
         OnTrack {
-            along_m: x_m * self.cosine + y_m * self.sine,
-            left_m: y_m * self.cosine - x_m * self.sine,
-            turned_rad: wrapped_rad(pose.heading_rad - self.heading_rad),
+            along_m: seen.x_m,
+            left_m: seen.y_m,
+            turned_rad: seen.heading_rad,
         }
     }
 }

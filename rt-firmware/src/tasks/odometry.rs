@@ -12,7 +12,9 @@ use crate::task::{Step, Task};
 pub struct Odometry<L, R> {
     left: WheelEncoder<L>,
     right: WheelEncoder<R>,
-    chassis: Chassis,
+    // Of the chassis no more than it needs: RAM is short.
+    metres_per_count: f32,
+    wheel_base_m: f32,
     located: Pose,
 }
 
@@ -37,7 +39,8 @@ impl<L: EncoderCounter, R: EncoderCounter> Odometry<L, R> {
         Self {
             left,
             right,
-            chassis,
+            metres_per_count: chassis.metres_per_count,
+            wheel_base_m: chassis.wheel_base_m,
             located: Pose::START,
         }
     }
@@ -45,12 +48,10 @@ impl<L: EncoderCounter, R: EncoderCounter> Odometry<L, R> {
 
 impl<L: EncoderCounter + Send, R: EncoderCounter + Send> Task for Odometry<L, R> {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let metres = |counts: i16| f32::from(counts) * self.chassis.metres_per_count;
+        let metres = |counts: i32| counts as f32 * self.metres_per_count;
         let left_m = metres(self.left.take_counts());
         let right_m = metres(self.right.take_counts());
-        self.located = self
-            .located
-            .rolled(left_m, right_m, self.chassis.wheel_base_m);
+        self.located = self.located.rolled(left_m, right_m, self.wheel_base_m);
         let period_s = io.period_us() as f32 / 1e6;
         *io.write(Self::POSE) = self.located;
         *io.write(Self::SPEEDS) = WheelSpeeds {

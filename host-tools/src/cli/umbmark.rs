@@ -1,0 +1,195 @@
+//! `esm umbmark`: wheel base and wheels of a robot, from squares that it drove.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::anyhow;
+use clap::Args;
+use serde::Serialize;
+
+use super::console::Console;
+use super::exit::CommandError;
+use super::{argument, file};
+use crate::clean::counted;
+use crate::odometry::umbmark::{Direction, Evaluation, Offset, Squares};
+
+/// Works out a robot's wheel base and the ratio of its wheels from squares that it drove
+///
+/// Let the robot drive a square by its odometry, back to where it began: five times clockwise and
+/// five times counter-clockwise. Measure where it really ends each time, from where it began: x
+/// along the first side, y to the left of it.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+The table has the columns direction,x_mm,y_mm; a direction is cw (clockwise) or ccw. If the odometry was not back at the \
+start, subtract the place that it tells from the one that you have measured.
+
+Examples:
+  esm umbmark squares.csv --side-mm 1000 --base-mm 160
+  esm umbmark --cw -12,-20 --cw -15,-18 --ccw -4,9 --ccw -6,8 --side-mm 1000 --base-mm 160 --json
+
+With --json: cw and ccw (runs, x_mm, y_mm, r_mm: the centre of gravity of where they ended, and its distance), e_max_syst_mm, \
+alpha_deg and beta_deg (with alpha_x_deg, alpha_y_deg, beta_x_deg, beta_y_deg, of which they are the means), radius_mm (null: straight), \
+e_b, e_d, base_mm (the true wheel base), left_diameter_factor, right_diameter_factor.
+
+After J. Borenstein and L. Feng, \"Measurement and Correction of Systematic Odometry Errors in Mobile Robots\", \
+IEEE Transactions on Robotics and Automation 12(6), 1996.")]
+pub struct UmbmarkArgs {
+    /// The table of where the squares ended
+    #[arg(value_name = "CSV", conflicts_with_all = ["cw", "ccw"], required_unless_present_any = ["cw", "ccw"])]
+    pub table: Option<PathBuf>,
+
+    /// Where a clockwise square ended, in millimetres; once for each
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pub cw: Vec<Offset>,
+
+    /// Where a counter-clockwise square ended
+    #[arg(long, value_name = "X,Y", allow_hyphen_values = true)]
+    pub ccw: Vec<Offset>,
+
+    /// Side of the square, in millimetres
+    #[arg(long, value_name = "L", value_parser = argument::measure, allow_negative_numbers = true)]
+    pub side_mm: f64,
+
+    /// Distance between the wheels that the odometry worked with, in millimetres
+    #[arg(long, value_name = "B", value_parser = argument::measure, allow_negative_numbers = true)]
+    pub base_mm: f64,
+
+    /// One JSON object, for programs
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What `--json` says.
+#[derive(Serialize)]
+struct Answer {
+    cw: Centre,
+    ccw: Centre,
+    e_max_syst_mm: f64,
+    alpha_deg: f64,
+    alpha_x_deg: f64,
+    alpha_y_deg: f64,
+    beta_deg: f64,
+    beta_x_deg: f64,
+    beta_y_deg: f64,
+    radius_mm: Option<f64>,
+    e_b: f64,
+    e_d: f64,
+    base_mm: f64,
+    left_diameter_factor: f64,
+    right_diameter_factor: f64,
+}
+
+/// The centre of gravity of where the squares of one direction ended.
+#[derive(Serialize)]
+struct Centre {
+    runs: u64,
+    x_mm: f64,
+    y_mm: f64,
+    r_mm: f64,
+}
+
+impl Answer {
+    fn of(found: &Evaluation) -> Self {
+        let [cw, ccw] = [0, 1].map(|direction| Centre {
+            runs: found.runs[direction],
+            x_mm: found.centres[direction].x_mm,
+            y_mm: found.centres[direction].y_mm,
+            r_mm: found.centres[direction].length_mm(),
+        });
+        let [alpha_x_deg, alpha_y_deg] = found.alphas_rad.map(f64::to_degrees);
+        let [beta_x_deg, beta_y_deg] = found.betas_rad.map(f64::to_degrees);
+        Self {
+            cw,
+            ccw,
+            e_max_syst_mm: found.e_max_syst_mm,
+            alpha_deg: found.alpha_rad.to_degrees(),
+            alpha_x_deg,
+            alpha_y_deg,
+            beta_deg: found.beta_rad.to_degrees(),
+            beta_x_deg,
+            beta_y_deg,
+            radius_mm: found.radius_mm,
+            e_b: found.e_b,
+            e_d: found.e_d,
+            base_mm: found.base_mm,
+            left_diameter_factor: found.diameter_factors[0],
+            right_diameter_factor: found.diameter_factors[1],
+        }
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// If the table cannot be read or is none, or the squares say nothing of the robot.
+pub fn execute(args: &UmbmarkArgs, console: &mut Console) -> Result<(), CommandError> {
+    let mut squares = Squares::default();
+    let ends = (args.cw.iter().map(|end| (Direction::Clockwise, end))).chain(
+        args.ccw
+            .iter()
+            .map(|end| (Direction::CounterClockwise, end)),
+    );
+    for (direction, end) in ends {
+        squares.add(direction, *end);
+    }
+    if let Some(table) = &args.table {
+        file::each_line(table, "table of squares", |line| squares.line(line))?;
+    }
+    let found = squares
+        .evaluate(args.side_mm, args.base_mm)
+        .map_err(|error| match &args.table {
+            Some(table) => CommandError::Input(anyhow!("{}: {error}", table.display())),
+            None => CommandError::Usage(error.into()),
+        })?;
+    let answer = Answer::of(&found);
+    if args.json {
+        return console.json_line(&answer);
+    }
+    tell(args, &answer, console)
+}
+
+fn tell(args: &UmbmarkArgs, answer: &Answer, console: &mut Console) -> Result<(), CommandError> {
+    let out = console.out();
+    for (name, centre) in [
+        ("clockwise", &answer.cw),
+        ("counter-clockwise", &answer.ccw),
+    ] {
+        writeln!(
+            out,
+            "{name:<18} {}, on average to x {:.1} mm, y {:.1} mm: {:.1} mm off",
+            counted(centre.runs, "run"),
+            centre.x_mm,
+            centre.y_mm,
+            centre.r_mm
+        )?;
+    }
+    writeln!(out, "E_max,syst         {:.1} mm", answer.e_max_syst_mm)?;
+    writeln!(
+        out,
+        "type A             alpha {:.4} degrees a corner (from x {:.4}, from y {:.4}): E_b {:.5}",
+        answer.alpha_deg, answer.alpha_x_deg, answer.alpha_y_deg, answer.e_b
+    )?;
+    writeln!(
+        out,
+        "type B             beta {:.4} degrees a side (from x {:.4}, from y {:.4}), {}: E_d {:.5}",
+        answer.beta_deg,
+        answer.beta_x_deg,
+        answer.beta_y_deg,
+        match answer.radius_mm {
+            Some(radius_mm) => format!("a radius of {:.1} m", radius_mm / 1_000.0),
+            None => "straight".to_owned(),
+        },
+        answer.e_d
+    )?;
+    writeln!(
+        out,
+        "wheel base         {:.2} mm in the place of {} mm",
+        answer.base_mm, args.base_mm
+    )?;
+    writeln!(
+        out,
+        "wheel diameters    left times {:.6}, right times {:.6}",
+        answer.left_diameter_factor, answer.right_diameter_factor
+    )?;
+    Ok(())
+}
