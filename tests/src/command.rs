@@ -115,6 +115,16 @@ pub fn lean_firmware() -> PathBuf {
     root().join("target/firmware/lm3s6965/rover-lean.elf")
 }
 
+/// The default firmware built with behaviours, never older than its source.
+///
+/// # Panics
+/// As [`firmware`].
+pub fn firmware_with_behaviours() -> PathBuf {
+    static BUILT: OnceLock<()> = OnceLock::new();
+    BUILT.get_or_init(|| make(&["xtask", "firmware", "--with", "behaviours"]));
+    root().join("target/firmware/lm3s6965/rover-behaviours.elf")
+}
+
 /// Runs cargo at the top of the checkout.
 fn make(arguments: &[&str]) {
     let mut cargo = Command::new("cargo");

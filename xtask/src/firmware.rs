@@ -155,6 +155,27 @@ pub fn build_lean(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>, Fa
     )
 }
 
+/// Builds the board's default firmware with a feature that it lacks by default; returns where its
+/// ELF file is.
+///
+/// # Errors
+/// [`Failure`]: what did not build.
+pub fn build_with(
+    root: &Path,
+    feature: &str,
+    toolchain: &Toolchain,
+) -> Result<Vec<PathBuf>, Failure> {
+    build_in(
+        root,
+        &root.join(BOARD_FOLDER),
+        DEFAULT,
+        toolchain,
+        RELEASE,
+        &[DEFAULT_BIN.to_owned()],
+        Features::With(feature),
+    )
+}
+
 /// Builds the example's firmware; returns where its ELF file is.
 ///
 /// # Errors
@@ -248,18 +269,21 @@ pub fn lint(root: &Path, folder: &Path, toolchain: &Toolchain) -> Result<(), Fai
 }
 
 /// Which features of the board's a firmware is built with.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Features {
+#[derive(Clone, Copy)]
+enum Features<'a> {
     Default,
     None,
+    /// The default ones and this one.
+    With(&'a str),
 }
 
-impl Features {
+impl Features<'_> {
     /// What tells the files of such a firmware from the others.
-    fn suffix(self) -> &'static str {
+    fn suffix(self) -> String {
         match self {
-            Features::Default => "",
-            Features::None => "-lean",
+            Features::Default => String::new(),
+            Features::None => "-lean".to_owned(),
+            Features::With(feature) => format!("-{feature}"),
         }
     }
 }
@@ -284,7 +308,7 @@ fn build_in(
     toolchain: &Toolchain,
     profile: &str,
     bins: &[String],
-    features: Features,
+    features: Features<'_>,
 ) -> Result<Vec<PathBuf>, Failure> {
     let started = Instant::now();
     eprintln!(
@@ -298,8 +322,14 @@ fn build_in(
     cargo
         .args(["build", "--profile", profile, "--target-dir"])
         .arg(&build_folder);
-    if features == Features::None {
-        cargo.arg("--no-default-features");
+    match features {
+        Features::Default => {}
+        Features::None => {
+            cargo.arg("--no-default-features");
+        }
+        Features::With(feature) => {
+            cargo.args(["--features", feature]);
+        }
     }
     for bin in bins {
         cargo.args(["--bin", bin]);

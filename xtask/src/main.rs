@@ -56,6 +56,7 @@ Options:
   --example                          firmware: build examples/my_robot instead
   --robot <FOLDER>                   firmware: build the robot in FOLDER, a copy of examples/my_robot or my_pico; with --bin if its program has another name
   --lean                             firmware: build the default firmware without its features, to rover-lean.elf
+  --with <FEATURE>                   firmware: build the default firmware with a feature of its board that it lacks, to rover-FEATURE.elf
   --quick                            test: leave out what takes minutes (emulator, my_robot)
   --minutes <N>                      fuzz: how long each target runs [default: 5]
   --write                            size: keep the sizes as the expected ones; form: keep today's wide lines as the allowed ones
@@ -71,6 +72,7 @@ struct Options {
     example: bool,
     robot: Option<PathBuf>,
     lean: bool,
+    with: Option<String>,
     quick: bool,
     write: bool,
     minutes: Option<u32>,
@@ -129,6 +131,7 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure
             "--example" => options.example = true,
             "--robot" => options.robot = Some(value()?.into()),
             "--lean" => options.lean = true,
+            "--with" => options.with = Some(value()?),
             "--quick" => options.quick = true,
             "--write" => options.write = true,
             "--minutes" => {
@@ -171,9 +174,10 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
         }
         "firmware" => {
             let names_robot = options.example || options.robot.is_some();
-            if options.board.is_some() && (names_robot || options.lean) {
+            let is_variant = options.lean || options.with.is_some();
+            if options.board.is_some() && (names_robot || is_variant) {
                 return Err(Failure::Usage(
-                    "--example and --lean are of the default board, and the file of a --robot names its \
+                    "--example, --lean and --with are of the default board, and the file of a --robot names its \
                      board: leave --board out"
                         .to_owned(),
                 ));
@@ -188,6 +192,9 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             }
             if options.lean {
                 return firmware::build_lean(&root, &toolchain).map(print_files);
+            }
+            if let Some(feature) = &options.with {
+                return firmware::build_with(&root, feature, &toolchain).map(print_files);
             }
             let default = [firmware::DEFAULT_BIN.to_owned()];
             let bins = if options.bins.is_empty() {

@@ -1,0 +1,44 @@
+//! Missions made of behaviours.
+
+#![allow(clippy::unwrap_used)] // a test that cannot go on has failed
+
+use std::path::Path;
+
+use esm_tests::command::{esm, firmware_with_behaviours};
+
+/// The trace of 40 s of the guard's round.
+fn trace(board: &[&str], world: &str) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let trace = folder.path().join("trace.jsonl");
+    let run = ["run", "missions/guard.esm", "--until", "40 s"];
+    let there = ["--world", world, "--trace", trace.to_str().unwrap()];
+    esm(&[&run[..], &there[..], board].concat()).good();
+    read(&trace)
+}
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap()
+}
+
+#[test]
+fn a_round_is_the_same_on_the_emulated_board_and_on_the_host() {
+    let firmware = firmware_with_behaviours();
+    let emulated = ["--firmware", firmware.to_str().unwrap()];
+    for (world, corners) in [("office", 5), ("corridor", 3)] {
+        let host = trace(&["--board", "host"], world);
+        assert!(
+            host == trace(&emulated, world),
+            "{world}: the traces differ"
+        );
+        let turned = host.matches(r#""to":"round/Corner""#).count();
+        assert!(turned >= corners, "{world}: {turned} corners");
+    }
+}
+
+#[test]
+fn a_firmware_without_behaviours_says_which_task_it_lacks() {
+    let said = esm(&["run", "missions/guard.esm", "--until", "1 s"]);
+    assert_eq!(said.status, Some(1));
+    let lacks = "its firmware lacks the task `Move`";
+    assert!(said.err.contains(lacks), "{}", said.err);
+}
