@@ -35,12 +35,15 @@ pub mod file;
 pub mod flash;
 pub mod fmt;
 pub mod inspect;
+pub mod kept_values;
 pub mod key;
 pub mod log;
 pub mod lsp;
 pub mod mission;
 pub mod param;
+pub mod plot;
 pub mod ports;
+pub mod record;
 pub mod recorder;
 pub mod replay;
 pub mod robot;
@@ -121,6 +124,8 @@ pub enum Command {
     Flash(flash::FlashArgs),
     Wiring(wiring::WiringArgs),
     Replay(replay::ReplayArgs),
+    Record(record::RecordArgs),
+    Plot(plot::PlotArgs),
     Upload(upload::UploadArgs),
     Confirm(confirm::ConfirmArgs),
     Fallback(fallback::FallbackArgs),
@@ -211,6 +216,8 @@ pub fn execute(
         Command::Flash(args) => flash::execute(args, console),
         Command::Wiring(args) => wiring::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
+        Command::Record(args) => record::execute(args, robot, console),
+        Command::Plot(args) => plot::execute(args, console),
         Command::Upload(args) => upload::execute(args, console),
         Command::Confirm(args) => confirm::execute(args, console),
         Command::Fallback(args) => fallback::execute(args, console),
