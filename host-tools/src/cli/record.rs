@@ -9,8 +9,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::argument::Time;
-use super::console::Console;
-use super::exit::CommandError;
+use super::console::{self, Console};
+use super::exit::{CommandError, ExitStatus};
 use super::file::{self, Draft};
 use super::recorder::Recorder;
 use super::robot::{self, RobotArgs};
@@ -32,6 +32,9 @@ use crate::run::interrupt::Interrupt;
 
 /// How long a wait for the robot's next words may last before Ctrl-C is looked for.
 const LISTEN_TIME: Duration = Duration::from_millis(100);
+
+/// How long Ctrl-C waits for a file that is nearly written.
+const GRACE: Duration = Duration::from_millis(500);
 
 /// Records a drive as an MCAP file: poses, twists, ranges and all other values, states, transitions
 ///
@@ -166,7 +169,14 @@ pub fn execute(
         ("--record", args.record.is_some()),
     ];
     refuse(&of_drive, "FILE is a recording, and nothing is driven")?;
-    write(&read_recording(path)?, path, args, console)
+    let recording = read_recording(path)?;
+    let out = begin(args)?;
+    let (remove, shown) = (out.remover(), args.output.display().to_string());
+    Interrupt::take_over()?.insist(GRACE, ExitStatus::WorldFailed as u8, move || {
+        remove();
+        console::warn(&format!("error: interrupted; {shown} is as it was"));
+    });
+    write(&recording, path, out, args, console)
 }
 
 /// Refuses options that make no sense here.
@@ -192,8 +202,16 @@ fn driven(
     if !path.is_file() {
         return ended;
     }
-    let written = read_recording(&path).and_then(|it| write(&it, &path, args, console));
-    ended.and(written)
+    let recording = match read_recording(&path) {
+        Ok(recording) => recording,
+        Err(error) => return ended.and(Err(error)),
+    };
+    if ended.is_err() && recording.stretches.is_empty() {
+        return ended;
+    }
+    // Whoever has ended the drive wants to have what it was.
+    let out = begin(args)?;
+    ended.and(write(&recording, &path, out, args, console))
 }
 
 /// Drives a mission in a world.
@@ -293,18 +311,21 @@ impl<W: Write> Write for Counted<W> {
     }
 }
 
+/// Begins the MCAP file.
+fn begin(args: &RecordArgs) -> Result<Draft, CommandError> {
+    Draft::begin(&args.output, "MCAP file")
+}
+
 /// Writes what a recording tells, as far as it can be run again.
 fn write(
     recording: &Recording,
     path: &Path,
+    out: Draft,
     args: &RecordArgs,
     console: &mut Console,
 ) -> Result<(), CommandError> {
     let (told, ended) = Told::of(recording);
-    let mut out = Counted {
-        out: Draft::begin(&args.output, "MCAP file")?,
-        bytes: 0,
-    };
+    let mut out = Counted { out, bytes: 0 };
     let channels = mcap_file::write(recording, &told, &mut out);
     let channels = channels.map_err(|error| match error {
         McapFileError::File(cause) => CommandError::World(anyhow!(
@@ -357,7 +378,7 @@ pub(super) fn note_end(recording: &Recording, path: &Path, console: &mut Console
     let shown = path.display();
     if !recording.has_samples() {
         console.note(&format!(
-            "note: {shown} holds no values, since it was recorded without or by an earlier version; states and transitions are there"
+            "note: {shown} holds no values; states and transitions are there"
         ));
     }
     if let FileEnd::Cut { at } = recording.end {

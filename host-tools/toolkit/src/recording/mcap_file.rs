@@ -26,7 +26,7 @@ use thiserror::Error;
 
 use super::player::Recording;
 use super::samples::{BadSamples, Sample};
-use super::told::Told;
+use super::told::{FaultThen, Told};
 use crate::mission_hash::hash_text;
 use crate::parameters::{ParameterType, Value};
 use crate::values::{Field, Shape, Text, Watched};
@@ -155,15 +155,14 @@ enum Happened<'t> {
     /// A transition, by its number.
     Transition { t_us: u64, number: usize },
     /// A fault.
-    Fault { t_us: u64, code: &'t str },
+    Fault(FaultThen),
 }
 
 impl Happened<'_> {
     fn t_us(&self) -> u64 {
         match self {
-            Happened::State { t_us, .. }
-            | Happened::Transition { t_us, .. }
-            | Happened::Fault { t_us, .. } => *t_us,
+            Happened::State { t_us, .. } | Happened::Transition { t_us, .. } => *t_us,
+            Happened::Fault(fault) => fault.t_us,
         }
     }
 }
@@ -176,10 +175,7 @@ fn changes(told: &Told) -> Vec<Happened<'_>> {
             number,
         })
         .collect();
-    changes.extend(told.faults.iter().map(|fault| Happened::Fault {
-        t_us: fault.t_us,
-        code: &fault.label,
-    }));
+    changes.extend(told.faults.iter().copied().map(Happened::Fault));
     let last_us = told.span_us.map_or(0, |(_, last_us)| last_us);
     // A region that another mission has, too, goes on there.
     let mut regions: BTreeMap<&str, Vec<(&str, &crate::pictures::StateSpan)>> = BTreeMap::new();
@@ -370,11 +366,11 @@ impl<W: Write> File<W> {
                     sent => format!(", sends {}", sent.join(", ")),
                 };
                 let message = format!("{} -> {} on {}{sent}", words.from, words.to, words.event);
-                let mission = told.missions.get(then.run);
-                let name = mission.map_or("", |mission| mission.name.as_str());
-                (INFO, message, name)
+                (INFO, message, told.mission(then.run))
             }
-            Happened::Fault { code, .. } => (ERROR, format!("fault: {code}"), "fault"),
+            Happened::Fault(FaultThen { code, run, .. }) => {
+                (ERROR, format!("fault: {code}"), told.mission(*run))
+            }
         };
         let log = Log {
             timestamp,
@@ -598,7 +594,7 @@ impl From<McapError> for McapFileError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::planted::{BLINK, Planted};
+    use crate::recording::planted::{BLINK, FLOOD, Planted};
     use crate::values::{Net, fields_of};
 
     fn written(recording: &Recording) -> (Vec<u8>, Vec<Channel>) {
@@ -641,18 +637,25 @@ mod tests {
     #[test]
     fn a_region_that_is_not_active_any_more_has_no_state() {
         let first = Planted::new().run(("blink", BLINK), 0, 0..5, &[]);
-        let both = first.run(
-            ("flood", crate::recording::planted::FLOOD),
-            100_000,
-            0..5,
-            &[],
-        );
+        let both = first.run(("flood", FLOOD), 100_000, 0..5, &[]);
         let (bytes, _) = written(&both.recording());
         let light: Vec<_> = (messages(&bytes).into_iter())
             .filter(|(_, topic, _)| topic == "/states/light")
             .map(|(time_ns, _, json)| (time_ns / 1_000_000, json["state"].clone()))
             .collect();
         assert_eq!(light.last().unwrap(), &(100, json!("")));
+    }
+
+    #[test]
+    fn a_fault_is_a_line_of_the_log_with_its_mission() {
+        let reports = [(3, "set clock/Wait.near")];
+        let planted = Planted::new().run(("flood", FLOOD), 0, 0..6, &reports);
+        let (bytes, _) = written(&planted.recording());
+        let log: Vec<_> = (messages(&bytes).into_iter())
+            .filter(|(_, topic, json)| topic == TRANSITIONS && json["level"] == ERROR)
+            .map(|(time_ns, _, json)| (time_ns / 1_000_000, json["name"].clone()))
+            .collect();
+        assert_eq!(log, [(30, json!("flood"))]);
     }
 
     #[test]

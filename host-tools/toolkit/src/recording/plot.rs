@@ -8,7 +8,9 @@ use super::player::Recording;
 use super::samples::{BadSamples, Sample};
 use super::told::Told;
 use crate::parameters::Value;
-use crate::pictures::{Curve, Curves, DrivePicture, Leg, Panel, PathPicture, PathSample, Timeline};
+use crate::pictures::{
+    Curve, Curves, DrivePicture, Leg, Mark, Panel, PathPicture, PathSample, Timeline,
+};
 use crate::values::{Field, RANGES, Shape, Watched};
 use crate::world::World;
 
@@ -215,14 +217,14 @@ fn timeline(told: &Told, first_us: u64, title: &str, since: &str) -> Timeline {
             span.end_us = span.end_us.saturating_sub(first_us);
         }
     }
-    let mut marks = told.faults.clone();
-    for mark in &mut marks {
-        mark.t_us = mark.t_us.saturating_sub(first_us);
-    }
+    let marks = told.faults.iter().map(|fault| Mark {
+        t_us: fault.t_us.saturating_sub(first_us),
+        label: fault.code.to_owned(),
+    });
     Timeline {
         title: format!("states of {title}{since}"),
         missions,
-        marks,
+        marks: marks.collect(),
     }
 }
 
@@ -303,9 +305,8 @@ impl Path {
         }
         if self.run != Some(run) {
             self.run = Some(run);
-            let name = told.missions.get(run).map_or("", |mission| &mission.name);
             self.legs.push(Leg {
-                name: name.to_owned(),
+                name: told.mission(run).to_owned(),
                 samples: Vec::new(),
             });
         }

@@ -13,7 +13,7 @@ use super::limits::TooMuch;
 use super::player::{LastStep, Player, Recording, ReplayError};
 use super::samples::Sample;
 use super::stretch::{Stretch, time_of};
-use crate::pictures::{Mark, MissionStates, StatesRecorder};
+use crate::pictures::{MissionStates, StatesRecorder};
 use crate::trace::directory::{Directory, TransitionWords};
 
 /// Transitions, times regions of their machine, that are told of: each may change the state of each
@@ -28,7 +28,7 @@ pub struct Told {
     /// The transitions, in the order of time.
     pub transitions: Vec<TransitionThen>,
     /// Faults.
-    pub faults: Vec<Mark>,
+    pub faults: Vec<FaultThen>,
     /// First and last moment.
     pub span_us: Option<(u64, u64)>,
     /// The run in which each stretch is, and what its times are moved by.
@@ -47,6 +47,17 @@ pub struct TransitionThen {
     transition: usize,
 }
 
+/// A fault, and when it stopped a machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FaultThen {
+    /// When.
+    pub t_us: u64,
+    /// The run of a mission.
+    pub run: usize,
+    /// What it is.
+    pub code: &'static str,
+}
+
 impl Told {
     /// Runs a recording again. What keeps it from its end comes with all that was told before that.
     pub fn of(recording: &Recording) -> (Self, Result<(), ReplayError>) {
@@ -60,6 +71,12 @@ impl Told {
         self.directories
             .get(then.run)?
             .transition(then.region, then.transition)
+    }
+
+    /// Name of the mission of a run.
+    pub fn mission(&self, run: usize) -> &str {
+        let mission = self.missions.get(run);
+        mission.map_or("", |mission| mission.name.as_str())
     }
 
     /// When a sample was, and in which run of a mission. None of one behind the end of what is
@@ -134,9 +151,10 @@ impl Told {
                     states.step(at_us, player.machine());
                 }
                 if let Err(fault) = made {
-                    self.faults.push(Mark {
+                    self.faults.push(FaultThen {
                         t_us: at_us,
-                        label: fault.code().to_owned(),
+                        run,
+                        code: fault.code(),
                     });
                 }
                 last = Some(LastStep {
