@@ -255,7 +255,7 @@ pub enum Shape {
     Pose,
     /// Speed ahead and speed of turning: `forward_m_per_s`, `turn_rad_per_s`.
     Twist,
-    /// Ranges of sensors: a row `range_m`.
+    /// Ranges of sensors: a row `range_m`, or `range_mm` of whole numbers.
     Ranges,
     /// Anything else.
     Other,
@@ -265,8 +265,32 @@ pub enum Shape {
 const POSE: [&str; 3] = ["x_m", "y_m", "heading_rad"];
 /// Names of the fields of a twist.
 const TWIST: [&str; 2] = ["forward_m_per_s", "turn_rad_per_s"];
-/// Name of the row of ranges.
-pub const RANGES: &str = "range_m";
+/// Name of a row of ranges in metres.
+const RANGES_M: &str = "range_m";
+/// Name of a row of ranges in whole millimetres.
+const RANGES_MM: &str = "range_mm";
+
+impl Field {
+    /// The range in metres that this value of it is: not finite where it is none, or is not known,
+    /// which is 0.
+    pub fn range_m(&self, value: &Value) -> f32 {
+        let range_m = match (&*self.name, value) {
+            (RANGES_M, Value::F32(range_m)) => *range_m,
+            (RANGES_MM, Value::U32(range_mm)) => *range_mm as f32 / 1e3,
+            _ => f32::NAN,
+        };
+        if range_m > 0.0 { range_m } else { f32::NAN }
+    }
+
+    /// Whether it is one of a row of ranges.
+    pub fn is_range(&self) -> bool {
+        match &*self.name {
+            RANGES_M => self.kind == ParameterType::F32,
+            RANGES_MM => self.kind == ParameterType::U32,
+            _ => false,
+        }
+    }
+}
 
 impl Watched {
     /// What its values are.
@@ -281,7 +305,7 @@ impl Watched {
             Shape::Pose
         } else if are(&TWIST) {
             Shape::Twist
-        } else if self.fields.iter().any(|field| is(field, RANGES)) {
+        } else if self.fields.iter().any(Field::is_range) {
             Shape::Ranges
         } else {
             Shape::Other
@@ -498,6 +522,34 @@ mod tests {
         }
         // A number that is alone in its word is read the same, whatever its size was.
         assert_eq!(fields(&text_of(&fields("a:i8\n"))), fields("a:i8\n"));
+    }
+
+    #[test]
+    fn ranges_are_told_in_metres_and_what_is_not_known_is_no_number() {
+        for (text, value, expected_m) in [
+            ("range_m:[f32;2]\n", Value::F32(1.5), Some(1.5)),
+            ("range_m:[f32;2]\n", Value::F32(0.0), None),
+            ("range_mm:[u16;24]\n", Value::U32(900), Some(0.9)),
+            ("range_mm:[u16;24]\n", Value::U32(0), None),
+            ("x_m:f32\n", Value::F32(1.5), None),
+            ("range_m:[u8;2]\n", Value::U32(1), None),
+        ] {
+            let field = &fields(text)[0];
+            let range_m = field.range_m(&value);
+            assert_eq!(range_m.is_finite().then_some(range_m), expected_m, "{text}");
+        }
+        let shape = |text: &str| {
+            let net = Net {
+                index: 0,
+                names: Vec::new(),
+                type_name: "T".into(),
+            };
+            let fields = fields(text).into();
+            Watched { net, fields }.shape()
+        };
+        assert_eq!(shape("dead:u32\nrange_m:[f32;8]\n"), Shape::Ranges);
+        assert_eq!(shape("range_mm:[u16;24]\n"), Shape::Ranges);
+        assert_eq!(shape("range_m:[u8;2]\n"), Shape::Other);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use crate::parameters::Value;
 use crate::pictures::{
     Curve, Curves, DrivePicture, Leg, Mark, Panel, PathPicture, PathSample, Timeline,
 };
-use crate::values::{Field, RANGES, Shape, Watched};
+use crate::values::{Field, Shape, Watched};
 use crate::world::World;
 
 /// Curves of a panel at most.
@@ -121,13 +121,19 @@ pub fn draw(
         for (watched, values) in sample.nets.iter().zip(&sample.values) {
             let Some(values) = values else { continue };
             if parts.speeds {
-                let is_in = |unit: &'static str| move |field: &Field| field.label().1 == unit;
-                speeds.take(watched, values, t_us, end_us, is_in(speeds.unit));
-                turning.take(watched, values, t_us, end_us, is_in(turning.unit));
+                let number_in = |unit: &'static str| {
+                    move |field: &Field, value: &Value| match value {
+                        Value::F32(number) if field.label().1 == unit => Some(*number),
+                        _ => None,
+                    }
+                };
+                speeds.take(watched, values, t_us, end_us, number_in(speeds.unit));
+                turning.take(watched, values, t_us, end_us, number_in(turning.unit));
             }
             if parts.ranges {
-                let is_range = |field: &Field| *field.name == *RANGES;
-                ranges.take(watched, &known(values), t_us, end_us, is_range);
+                let range =
+                    |field: &Field, value: &Value| field.is_range().then(|| field.range_m(value));
+                ranges.take(watched, values, t_us, end_us, range);
             }
         }
     }
@@ -177,15 +183,6 @@ pub fn draw(
     Ok((picture, shown))
 }
 
-/// Values in which ranges that are not known, which are 0, are no numbers.
-fn known(values: &[Value]) -> Vec<Value> {
-    let known = values.iter().map(|value| match value {
-        Value::F32(range) if *range <= 0.0 => Value::F32(f32::NAN),
-        value => *value,
-    });
-    known.collect()
-}
-
 /// The unit of a panel, which is one of those above.
 fn unit_of(unit: &str) -> &'static str {
     match unit {
@@ -229,21 +226,21 @@ fn timeline(told: &Told, first_us: u64, title: &str, since: &str) -> Timeline {
 }
 
 impl Filling {
-    /// Takes the numbers of a value that are of such a field.
+    /// Takes the numbers of a value, as `number` tells them: none of a field that does not belong
+    /// here.
     fn take(
         &mut self,
         watched: &Watched,
         values: &[Value],
         t_us: u64,
         end_us: u64,
-        belongs: impl Fn(&Field) -> bool,
+        number: impl Fn(&Field, &Value) -> Option<f32>,
     ) {
         let net = watched.net.name();
         for (place, (field, value)) in watched.fields.iter().zip(values).enumerate() {
-            let Value::F32(value) = value else { continue };
-            if !belongs(field) {
+            let Some(value) = number(field, value) else {
                 continue;
-            }
+            };
             let (label, _) = field.label();
             let key = (net.to_owned(), place);
             if !self.curves.contains_key(&key) && self.curves.len() == MAX_CURVES {
@@ -263,7 +260,7 @@ impl Filling {
                 };
                 Curve::new(name, end_us)
             });
-            curve.add(t_us, *value);
+            curve.add(t_us, value);
         }
     }
 
@@ -380,15 +377,5 @@ mod tests {
             (x_m - 1.5).abs() < 1e-6 && (y_m - 4.0).abs() < 1e-6,
             "{x_m}, {y_m}"
         );
-    }
-
-    #[test]
-    fn a_range_that_is_not_known_is_no_number() {
-        let values = [Value::F32(0.0), Value::F32(1.5), Value::U32(0)];
-        let [unknown, range, other] = known(&values)[..] else {
-            panic!("there are three");
-        };
-        assert!(matches!(unknown, Value::F32(value) if value.is_nan()));
-        assert_eq!((range, other), (Value::F32(1.5), Value::U32(0)));
     }
 }
