@@ -392,6 +392,23 @@ fn a_recorded_upload_that_is_killed_leaves_a_recording_that_can_be_read() {
 }
 
 #[test]
+fn a_robot_at_a_port_is_recorded_with_the_values_on_its_nets() {
+    let (robot, before) = driving();
+    let record = "record --until 2s --sample 20ms -o {}/d.mcap --record {}/d.rec --json";
+    let told: serde_json::Value = serde_json::from_str(&robot.esm(record, 0).out).unwrap();
+    let channels = told["channels"].as_array().unwrap();
+    let pose = |it: &&serde_json::Value| it["schema"] == "foxglove.PoseInFrame";
+    let poses = channels.iter().find(pose).unwrap()["messages"].as_u64();
+    // A robot on a busy machine tells less than all hundred.
+    assert!(poses > Some(20), "{told}");
+    assert_eq!(replayed(&robot, "d.rec")["file"], "whole");
+    let plotted = robot.esm_alone("plot {}/d.rec -o {}/d.svg --json", 0);
+    let plotted: serde_json::Value = serde_json::from_str(&plotted.out).unwrap();
+    assert_eq!(plotted["samples"].as_u64(), poses, "{plotted}");
+    assert_eq!(robot.status()["mission"], before);
+}
+
+#[test]
 fn commands_at_a_robot_that_stands_still_or_runs_say_what_it_does_then() {
     let (robot, before) = driving();
     let steps = |robot: &Robot| robot.status()["steps"].as_u64().unwrap();

@@ -146,6 +146,7 @@ impl Session {
             match recording.take(&mut self.robot, &event).unwrap() {
                 Some(Noted::Gap(_)) => self.gaps += 1,
                 Some(Noted::DeadlineMiss(hash)) => panic!("{hash:08x} was not read"),
+                Some(Noted::NoValues(why)) => panic!("{why}"),
                 None => {}
             }
         }

@@ -1,6 +1,7 @@
 //! A recording of a robot at the other end of a line: one that runs already, changes its mission,
 //! falls silent or is reset, over a line that loses some of what it says.
 
+use std::collections::HashMap;
 use std::io::{self, Write};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -14,6 +15,7 @@ use crate::link_client::{ClientError, LinkClient, RobotInfo, StreamEvent, Stream
 use crate::run::mission::{Mission, hash_text};
 use crate::serial::ByteLink;
 use crate::serial::clock::Clock;
+use crate::values::Subscription;
 use esm_toolkit::inspect;
 use esm_toolkit::recording::file::Header;
 use esm_toolkit::recording::writer::{Counts, RecordingWriter};
@@ -29,6 +31,9 @@ const FLUSH_TIME: Duration = Duration::from_secs(1);
 
 /// How long what was asked for may take before it is asked for again.
 const FIRST_WAIT: Duration = Duration::from_millis(200);
+
+/// After how long without a sample, and three periods, the robot is asked for values again.
+const FORGOTTEN: Duration = Duration::from_secs(5);
 
 /// How long the last records may take at the end.
 const LONGEST_END: Duration = Duration::from_secs(2);
@@ -53,6 +58,35 @@ pub struct LiveRecording<W> {
     bad_frames: u64,
     /// Missions that ran, and ended before they could be read.
     missed: Vec<u32>,
+    /// Blobs of the missions in the recording, by their hashes.
+    blobs: HashMap<u32, Vec<u8>>,
+    /// Which values are kept, if any are.
+    values: Option<KeptValues>,
+}
+
+/// Which values a recording keeps.
+struct KeptValues {
+    /// The mission's time from one sample to the next.
+    period: Duration,
+    /// What the robot was asked for, of the mission of this hash; none where it has no values to
+    /// tell of.
+    asked: Option<(u32, Option<Subscription>)>,
+    /// When a sample last came, or they were asked for.
+    heard: Instant,
+}
+
+impl KeptValues {
+    /// Whether the robot is to be asked for those of this mission: it was not yet, or it was reset
+    /// since and has forgotten.
+    fn is_due(&self, mission: u32, clock: &Clock) -> bool {
+        let silence = FORGOTTEN.max(self.period * 3);
+        match &self.asked {
+            Some((asked, subscription)) if *asked == mission => {
+                subscription.is_some() && clock.since(self.heard) > silence
+            }
+            _ => true,
+        }
+    }
 }
 
 /// All that the machine is was asked for.
@@ -66,12 +100,14 @@ struct Asked {
 }
 
 /// Something that whoever records should know of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Noted {
     /// So many records or parts did not come. The recording goes on with all that the machine is.
     Gap(u32),
     /// A mission ran and was another before it could be read: what it did cannot be replayed.
     DeadlineMiss(u32),
+    /// The values of a mission are not kept, or not all of them, and why.
+    NoValues(String),
 }
 
 /// Why a recording ends before anybody wanted that.
@@ -140,10 +176,67 @@ impl<W: Write> LiveRecording<W> {
             asked: None,
             bad_frames: robot.counts().bad_frames,
             missed: Vec::new(),
+            blobs: (known.iter())
+                .map(|mission| (mission.hash, mission.blob.clone()))
+                .collect(),
+            values: None,
         };
         recording.read_mission(robot)?;
         recording.note_asked(FIRST_WAIT);
         Ok(recording)
+    }
+
+    /// Keeps the values on the nets of each mission that runs, too: a sample each `period` of its
+    /// time at most.
+    pub fn keep_values(&mut self, period: Duration) {
+        self.values = Some(KeptValues {
+            period,
+            asked: None,
+            heard: self.clock.now(),
+        });
+    }
+
+    /// Asks for the values of the mission that runs, where they are not known to come. To be called
+    /// each time that events were looked for.
+    ///
+    /// # Errors
+    /// [`LiveError`]
+    pub fn look_after_values<L: ByteLink>(
+        &mut self,
+        robot: &mut LinkClient<L>,
+    ) -> Result<Option<Noted>, LiveError> {
+        let (Some(values), Some(running)) = (&mut self.values, self.writer.running()) else {
+            return Ok(None);
+        };
+        if !values.is_due(running, &self.clock) {
+            return Ok(None);
+        }
+        let Some(blob) = self.blobs.get(&running) else {
+            return Ok(None);
+        };
+        values.heard = self.clock.now();
+        let (subscription, noted) = match Subscription::of_kept(robot, blob, values.period) {
+            Ok(Some(kept)) => {
+                let left_out = kept.left_out();
+                (Some(kept.subscription), left_out)
+            }
+            Ok(None) => (None, None),
+            Err(error) => match error.of_line() {
+                Ok(error) => return Err(error.into()),
+                Err(answer) => (
+                    None,
+                    Some(format!("the recording is without values: {answer}")),
+                ),
+            },
+        };
+        let was_told = (values.asked.as_ref()).is_some_and(|(asked, _)| *asked == running);
+        if let Some(subscription) = &subscription
+            && !was_told
+        {
+            self.writer.nets(running, subscription.nets())?;
+        }
+        values.asked = Some((running, subscription));
+        Ok(noted.filter(|_| !was_told).map(Noted::NoValues))
     }
 
     /// Takes an event of the robot's streams; those of others are passed over.
@@ -177,11 +270,20 @@ impl<W: Write> LiveRecording<W> {
                 self.ask_anew(robot, FIRST_WAIT)?;
                 Ok(Some(Noted::Gap(*missing)))
             }
+            StreamEvent::Values { .. } => {
+                if let Some(values) = &mut self.values
+                    && let Some((mission, Some(subscription))) = &values.asked
+                    && let Some(sample) = subscription.raw(*mission, event)
+                {
+                    values.heard = self.clock.now();
+                    self.writer.sample(sample)?;
+                }
+                Ok(None)
+            }
             StreamEvent::Gap { .. }
             | StreamEvent::LinesLost(_)
             | StreamEvent::Trace(_)
             | StreamEvent::Log(_)
-            | StreamEvent::Values { .. }
             | StreamEvent::ValuesEnded { .. }
             | StreamEvent::StatusEvent(_) => Ok(None),
         }
@@ -270,6 +372,16 @@ impl<W: Write> LiveRecording<W> {
                     channel: Channel::Record,
                     missing,
                 } => self.writer.gap(*missing)?,
+                StreamEvent::Values { .. } => {
+                    if let Some((mission, Some(subscription))) = self
+                        .values
+                        .as_ref()
+                        .and_then(|values| values.asked.as_ref())
+                        && let Some(sample) = subscription.raw(*mission, event)
+                    {
+                        self.writer.sample(sample)?;
+                    }
+                }
                 _ => {}
             }
         }
@@ -303,6 +415,9 @@ impl<W: Write> LiveRecording<W> {
                 break;
             }
         }
+        if self.values.is_some() {
+            robot.end_values()?;
+        }
         robot.subscribe(Streams::NONE)?;
         Ok(steps)
     }
@@ -332,6 +447,7 @@ impl<W: Write> LiveRecording<W> {
     /// # Errors
     /// [`LiveError::File`]
     pub fn mission(&mut self, mission: &Mission) -> Result<(), LiveError> {
+        self.blobs.insert(mission.hash, mission.blob.clone());
         Ok(add(&mut self.writer, mission)?)
     }
 
@@ -369,6 +485,8 @@ impl<W: Write> LiveRecording<W> {
                 .map_or(0, |(_, hash)| u32::from_le_bytes(*hash));
             LiveError::BadMission { hash, refusal }
         })?;
+        self.blobs
+            .insert(verified.hash(), verified.bytes().to_vec());
         Ok(add(&mut self.writer, &mission_of(verified)?)?)
     }
 }

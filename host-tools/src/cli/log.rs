@@ -14,6 +14,7 @@ use serde::Serialize;
 use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
+use super::kept_values::KeptValues;
 use super::recorder::Recorder;
 use super::robot::{self, Robot, RobotArgs, is_taken_over};
 use super::status::mode_words;
@@ -77,6 +78,10 @@ pub struct LogArgs {
     /// Keeps what enters the interpreter, too, to be run again with `esm replay`
     #[arg(long, value_name = "REC")]
     pub record: Option<PathBuf>,
+
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub values: KeptValues,
 
     /// One JSON object a line, for programs
     #[arg(long)]
@@ -162,7 +167,13 @@ pub fn execute(args: &LogArgs, console: &mut Console) -> Result<(), CommandError
         LogReader::text()
     };
     let recording = match &args.record {
-        Some(path) => Some(Recorder::begin(path, &mut robot, &info, wanted, &[])?),
+        Some(path) => {
+            let mut recorder = Recorder::begin(path, &mut robot, &info, wanted, &[])?;
+            if let Some(period) = args.values.period() {
+                recorder.keep_values(period);
+            }
+            Some(recorder)
+        }
         None => {
             robot.subscribe(wanted)?;
             None
@@ -266,7 +277,7 @@ impl Listener {
                 self.hear(&event, console)?;
             }
             if let Some(recording) = &mut self.recording {
-                recording.look_after(&mut self.robot)?;
+                recording.look_after(&mut self.robot, console)?;
             }
         }
         Ok(())

@@ -35,13 +35,16 @@ pub mod file;
 pub mod flash;
 pub mod fmt;
 pub mod inspect;
+pub mod kept_values;
 pub mod key;
 pub mod log;
 pub mod lsp;
 pub mod mission;
 pub mod odometry;
 pub mod param;
+pub mod plot;
 pub mod ports;
+pub mod record;
 pub mod recorder;
 pub mod replay;
 pub mod robot;
@@ -126,6 +129,8 @@ pub enum Command {
     Replay(replay::ReplayArgs),
     Odometry(odometry::OdometryArgs),
     Umbmark(umbmark::UmbmarkArgs),
+    Record(record::RecordArgs),
+    Plot(plot::PlotArgs),
     Upload(upload::UploadArgs),
     Confirm(confirm::ConfirmArgs),
     Fallback(fallback::FallbackArgs),
@@ -218,6 +223,8 @@ pub fn execute(
         Command::Replay(args) => replay::execute(args, console),
         Command::Odometry(args) => odometry::execute(args, console),
         Command::Umbmark(args) => umbmark::execute(args, console),
+        Command::Record(args) => record::execute(args, robot, console),
+        Command::Plot(args) => plot::execute(args, console),
         Command::Upload(args) => upload::execute(args, console),
         Command::Confirm(args) => confirm::execute(args, console),
         Command::Fallback(args) => fallback::execute(args, console),

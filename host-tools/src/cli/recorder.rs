@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::anyhow;
 
@@ -54,6 +55,11 @@ impl Recorder {
         })
     }
 
+    /// Keeps values on the nets, too, in samples that are so far apart at least.
+    pub fn keep_values(&mut self, period: Duration) {
+        self.recording.keep_values(period);
+    }
+
     /// Takes an event of the robot's streams, and says what is missing.
     ///
     /// # Errors
@@ -69,12 +75,20 @@ impl Recorder {
         Ok(())
     }
 
-    /// Asks for what is missing. To be called each time that events were looked for.
+    /// Asks for what is missing, and for values. To be called each time that events were looked
+    /// for.
     ///
     /// # Errors
     /// What is wrong with the robot, its line or the file.
-    pub fn look_after(&mut self, robot: &mut Robot) -> Result<(), CommandError> {
-        (self.recording.look_after(robot)).map_err(|error| failed(error, &self.path))
+    pub fn look_after(
+        &mut self,
+        robot: &mut Robot,
+        console: &mut Console,
+    ) -> Result<(), CommandError> {
+        let looked = (self.recording.look_after(robot))
+            .and_then(|()| self.recording.look_after_values(robot));
+        tell(looked.map_err(|error| failed(error, &self.path))?, console);
+        Ok(())
     }
 
     /// Takes all that came, and asks for what is missing, while something else matters more: if the
@@ -192,6 +206,7 @@ fn tell(noted: Option<Noted>, console: &mut Console) {
             "the mission {} ran for too short a time to be read: what it did cannot be replayed",
             hash_text(hash)
         )),
+        Some(Noted::NoValues(why)) => console.note(&why),
         None => {}
     }
 }

@@ -13,6 +13,7 @@ use thiserror::Error;
 use super::argument::{Time, TimeError};
 use super::console::{self, Console, Progress};
 use super::exit::CommandError;
+use super::kept_values::KeptValues;
 use super::{file, robot, sensors, stage};
 use crate::host_board::{HostBoardError, RobotMaker};
 use crate::keys;
@@ -80,6 +81,10 @@ pub struct RunArgs {
     /// with --replay
     #[arg(long, value_name = "REC")]
     pub record: Option<PathBuf>,
+
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub values: KeptValues,
 
     /// Takes what the clock cannot repeat from a recording (the board `host`)
     #[arg(long, value_name = "REC", conflicts_with = "record")]
@@ -420,6 +425,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
         replay,
         cut_link_us: args.cut_link.map(|at| at.us),
         record: None,
+        sample_period: args.values.period(),
         plant_fault: match (args.freeze_plant_at, args.estop) {
             (Some(at), _) => Some(PlantFault::FrozenFrom { robot_us: at.us }),
             (None, Some(at)) => Some(PlantFault::StopPressedFrom { robot_us: at.us }),

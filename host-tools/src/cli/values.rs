@@ -333,7 +333,9 @@ impl From<ValuesError> for CommandError {
     fn from(error: ValuesError) -> Self {
         match error {
             ValuesError::Client(error) => error.into(),
-            ValuesError::NoNames(_) => CommandError::Input(error.into()),
+            ValuesError::NoNames(_) | ValuesError::BadMission(_) => {
+                CommandError::Input(error.into())
+            }
             ValuesError::Unknown | ValuesError::TooMany => CommandError::World(error.into()),
         }
     }

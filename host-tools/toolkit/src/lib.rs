@@ -48,6 +48,7 @@ mod test_disk;
 pub mod timetable;
 pub mod trace;
 pub mod trace_events;
+pub mod values;
 #[cfg(test)]
 mod work_time;
 pub mod world;

@@ -351,13 +351,14 @@ mod tests {
             let mut list = BehaviourList::EMPTY;
             for (op, at) in ops {
                 let key = list.present().get(at).map(|entry| entry.key);
-                match op {
-                    0 => drop(list.insert_at_tail()),
-                    1 => drop(list.insert_at_head()),
-                    2 => list.idle(),
-                    3 => list.look(),
-                    4 => { key.map(|key| list.end(key)); }
-                    _ => { key.map(|key| list.see(key)); }
+                match (op, key) {
+                    (0, _) => drop(list.insert_at_tail()),
+                    (1, _) => drop(list.insert_at_head()),
+                    (2, _) => list.idle(),
+                    (3, _) => list.look(),
+                    (4, Some(key)) => drop(list.end(key)),
+                    (_, Some(key)) => list.see(key),
+                    (_, None) => {}
                 }
                 prop_assert!(list.len() <= PLACES);
                 for (place, entry) in list.present().iter().enumerate() {

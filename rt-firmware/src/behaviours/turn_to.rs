@@ -1,5 +1,7 @@
 //! Turns to a heading.
 
+#![allow(clippy::approx_constant)] // parameters are written as in a mission, which has no names for angles
+
 use super::{Behaviour, BehaviourList, Control, Scene};
 use crate::behaviour;
 use crate::odometry::wrapped_rad;

@@ -25,6 +25,7 @@ use crate::lockstep::pace::{Hold, Pace};
 use crate::lockstep::plant_side::{PlantFault, PlantSide, SonarBreak};
 use crate::serial::ByteLink;
 use crate::serial::noise::{Noise, Noisy};
+use crate::values::Subscription;
 use esm_toolkit::clean::counted;
 use esm_toolkit::counters::SlotReport;
 use esm_toolkit::plant::{BodyParameters, Plant, PlantError, RecordedRanges};
@@ -90,6 +91,9 @@ pub struct Plan {
     pub replay: Option<Entered>,
     /// Where a recording of it goes.
     pub record: Option<Box<dyn Write>>,
+    /// How often the recording keeps the values on the nets, in the mission's time; with 0 after
+    /// each macro step.
+    pub sample_period: Option<Duration>,
     /// What happens to the plant.
     pub plant_fault: Option<PlantFault>,
     /// Sonars that break while it runs.
@@ -132,6 +136,7 @@ impl Plan {
             missions,
             replay: None,
             record: None,
+            sample_period: None,
             body: BodyParameters::default(),
             plant_fault: None,
             sonar_breaks: Vec::new(),
@@ -301,6 +306,9 @@ struct Driver<W> {
     seed: u64,
     missions: Vec<Planned>,
     recording: Option<RecordingWriter<Box<dyn Write>>>,
+    sample_period: Option<Duration>,
+    /// The values that are kept, and the mission that they are of.
+    sampled: Option<(u32, Subscription)>,
     until_us: Option<u64>,
     /// Of each mission that was brought to the robot.
     uploads: Vec<MissionSummary>,
@@ -395,7 +403,9 @@ impl<W: Write> Driver<W> {
             seed: plan.seed,
             until_us: plan.until_us,
             missions,
+            sample_period: plan.sample_period.filter(|_| recording.is_some()),
             recording,
+            sampled: None,
             uploads: Vec::new(),
             told_of_no_end: false,
             longest_delay_ns: 0,
@@ -613,7 +623,46 @@ impl<W: Write> Driver<W> {
         self.longest_delay_ns = self.longest_delay_ns.max(before.max_delay_ns);
         watch(Heard::UploadEnds(&summary));
         self.uploads.push(summary);
-        Ok(())
+        self.sample(index, watch)
+    }
+
+    /// Asks for values on the nets of the mission that was brought to the robot, if the recording
+    /// is to keep them. A robot that has none to tell of is recorded without.
+    fn sample(&mut self, index: usize, watch: &mut dyn FnMut(Heard<'_>)) -> Result<(), RunError> {
+        let (Some(period), Some(recording), Some(planned)) = (
+            self.sample_period,
+            &mut self.recording,
+            self.missions.get(index),
+        ) else {
+            return Ok(());
+        };
+        let _hold = (self.link == LinkWay::Uart).then(|| self.pace.hold());
+        let Mission { hash, blob, .. } = &planned.mission;
+        match Subscription::of_kept(&mut self.robot, blob, period) {
+            Ok(None) => Ok(()),
+            Ok(Some(kept)) => {
+                recording
+                    .nets(*hash, kept.subscription.nets())
+                    .map_err(RunError::Recording)?;
+                if let Some(left_out) = kept.left_out() {
+                    watch(Heard::Warning(&left_out));
+                }
+                self.sampled = Some((*hash, kept.subscription));
+                Ok(())
+            }
+            Err(error) => match error.of_line() {
+                Ok(cause) => Err(RunError::Link {
+                    cause,
+                    console: String::new(),
+                }),
+                Err(answer) => {
+                    watch(Heard::Warning(&format!(
+                        "the recording is without values: {answer}"
+                    )));
+                    Ok(())
+                }
+            },
+        }
     }
 
     fn take_events(&mut self, watch: &mut dyn FnMut(Heard<'_>)) -> Result<(), RunError> {
@@ -634,9 +683,16 @@ impl<W: Write> Driver<W> {
                     self.silent_answers = 0;
                     self.take_records(&records, watch)?;
                 }
-                // Nobody asked for them.
+                StreamEvent::Values { .. } => {
+                    if let (Some(recording), Some((mission, subscription))) =
+                        (&mut self.recording, &self.sampled)
+                        && let Some(sample) = subscription.raw(*mission, &event)
+                    {
+                        recording.sample(sample).map_err(RunError::Recording)?;
+                    }
+                }
+                // Nobody asked for news. Samples that did not come are missing where they were.
                 StreamEvent::StatusEvent(_)
-                | StreamEvent::Values { .. }
                 | StreamEvent::ValuesEnded { .. }
                 | StreamEvent::Gap {
                     channel: Channel::Values,

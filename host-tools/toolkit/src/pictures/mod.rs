@@ -21,6 +21,8 @@
 //! ```
 
 pub mod axis;
+mod curves;
+mod drive;
 pub mod font;
 mod path;
 mod png;
@@ -30,6 +32,8 @@ mod slots;
 mod svg;
 mod timeline;
 
+pub use curves::{Curve, Curves, Panel};
+pub use drive::DrivePicture;
 pub use path::{FloorLine, Leg, PathPicture, PathSample, Room};
 pub use png::PngError;
 pub use recorder::StatesRecorder;

@@ -160,6 +160,28 @@ pub enum Shape {
     Tooltip(String),
 }
 
+impl Shape {
+    /// The same, moved down.
+    fn lower(mut self, down: f32) -> Self {
+        match &mut self {
+            Shape::Polygon {
+                corners: points, ..
+            }
+            | Shape::Track { points, .. }
+            | Shape::Line { points, .. } => {
+                for point in points {
+                    point[1] += down;
+                }
+            }
+            Shape::Rounded { corner: place, .. }
+            | Shape::Circle { centre: place, .. }
+            | Shape::Text(Text { at: place, .. }) => place[1] += down,
+            Shape::Tooltip(_) => {}
+        }
+        self
+    }
+}
+
 /// A picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
@@ -256,6 +278,15 @@ impl Scene {
     /// Adds a line of words.
     pub fn text(&mut self, text: Text) {
         self.shapes.push(Shape::Text(text));
+    }
+
+    /// Adds another picture below this one, which grows as it needs to.
+    pub fn below(&mut self, other: Scene) {
+        let top = self.height;
+        self.width = self.width.max(other.width);
+        self.height += other.height;
+        let moved = other.shapes.into_iter().map(|shape| shape.lower(top));
+        self.shapes.extend(moved);
     }
 
     /// Says what the next shape is, to a pointer that rests on it.

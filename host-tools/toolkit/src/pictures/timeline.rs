@@ -60,8 +60,8 @@ pub struct Mark {
     pub label: String,
 }
 
-const PLOT_WIDTH: f32 = 880.0;
-const EDGE: f32 = 24.0;
+pub(super) const PLOT_WIDTH: f32 = 880.0;
+pub(super) const EDGE: f32 = 24.0;
 const TOP: f32 = 86.0;
 const BOTTOM: f32 = 50.0;
 const HEADING_HEIGHT: f32 = 30.0;
@@ -102,6 +102,11 @@ const STATES: [Colour; 8] = [
 ];
 
 impl Timeline {
+    /// Where the bars begin, counted from the left edge.
+    pub(super) fn left(&self) -> f32 {
+        Layout::of(self).left
+    }
+
     /// The picture, ready to become SVG or PNG.
     pub fn scene(&self) -> Scene {
         let layout = Layout::of(self);

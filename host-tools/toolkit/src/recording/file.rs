@@ -21,6 +21,8 @@
 //! | 4 | gap | how many records or parts did not come: number |
 //! | 5 | ends of background runs of a simulated run | three numbers each: which mission in the order of the run, slot activation, task instance |
 //! | 6 | end | macro steps of the last mission that the recording holds, counted from its beginning: number |
+//! | 7 | nets | which nets the samples behind it are of: see [`samples`](super::samples) |
+//! | 8 | samples | values on those nets: see [`samples`](super::samples) |
 //!
 //! What is of another kind is passed over.
 
@@ -36,9 +38,12 @@ pub const VERSION: u16 = 2;
 /// The first bytes of every recording.
 pub const MARK: &[u8; 6] = b"ESMREC";
 
-/// Bytes of a recording that is read at most: all of it is in memory while it is run again, and
-/// takes some forty times as much there. Three weeks of a robot on patrol take so many.
-pub const MAX_FILE_BYTES: u64 = 16 << 20;
+/// Bytes of a recording that is read at most: more than a day of ten samples of values a second.
+pub const MAX_FILE_BYTES: u64 = 64 << 20;
+
+/// Bytes of it that are no samples of values: they are in memory while it is run again, and take
+/// some forty times as much there. Three weeks of a robot on patrol take so many.
+pub const MAX_INPUT_BYTES: u64 = 16 << 20;
 
 /// What recordings began with that an earlier program wrote as lines of JSON.
 const JSON_MARK: &[u8] = b"{\"kind\":\"recording\"";
@@ -56,6 +61,8 @@ mod kind {
     pub const GAP: u8 = 4;
     pub const ENDS: u8 = 5;
     pub const END: u8 = 6;
+    pub const NETS: u8 = 7;
+    pub const SAMPLES: u8 = 8;
 }
 
 /// Where a recording comes from.
@@ -102,6 +109,10 @@ pub enum Frame {
     Ends(Vec<BackgroundRunEnd>),
     /// How many macro steps of the last mission belong to the recording.
     End(u64),
+    /// Which nets of a mission samples are of from here on.
+    Nets(Vec<u8>),
+    /// Values on those nets.
+    Samples(Vec<u8>),
 }
 
 /// How a file that could be read ends.
@@ -155,7 +166,7 @@ pub fn write_mark(out: &mut impl Write) -> io::Result<()> {
     out.write_all(&VERSION.to_le_bytes())
 }
 
-fn push_number(bytes: &mut Vec<u8>, mut number: u64) {
+pub(super) fn push_number(bytes: &mut Vec<u8>, mut number: u64) {
     while number >= 0x80 {
         bytes.push(number as u8 | 0x80);
         number >>= 7;
@@ -163,12 +174,12 @@ fn push_number(bytes: &mut Vec<u8>, mut number: u64) {
     bytes.push(number as u8);
 }
 
-fn push_text(bytes: &mut Vec<u8>, text: &str) {
+pub(super) fn push_text(bytes: &mut Vec<u8>, text: &str) {
     push_number(bytes, text.len() as u64);
     bytes.extend_from_slice(text.as_bytes());
 }
 
-fn take_number<N: TryFrom<u64>>(bytes: &mut &[u8]) -> Option<N> {
+pub(super) fn take_number<N: TryFrom<u64>>(bytes: &mut &[u8]) -> Option<N> {
     let mut number = 0u64;
     for shift in (0..u64::BITS).step_by(7) {
         let (first, rest) = bytes.split_first()?;
@@ -181,7 +192,7 @@ fn take_number<N: TryFrom<u64>>(bytes: &mut &[u8]) -> Option<N> {
     None
 }
 
-fn take_text(bytes: &mut &[u8]) -> Option<String> {
+pub(super) fn take_text(bytes: &mut &[u8]) -> Option<String> {
     let length = take_number::<usize>(bytes)?;
     let (text, rest) = bytes.split_at_checked(length)?;
     *bytes = rest;
@@ -228,6 +239,8 @@ impl Frame {
                 kind::MISSION
             }
             Frame::Records(records) => return (kind::RECORDS, records.clone()),
+            Frame::Nets(nets) => return (kind::NETS, nets.clone()),
+            Frame::Samples(samples) => return (kind::SAMPLES, samples.clone()),
             Frame::Gap(missing) => {
                 push_number(&mut bytes, u64::from(*missing));
                 kind::GAP
@@ -264,6 +277,8 @@ impl Frame {
             kind::GAP => take_number(&mut rest).map(Frame::Gap),
             kind::ENDS => Self::read_ends(&mut rest).map(Frame::Ends),
             kind::END => take_number(&mut rest).map(Frame::End),
+            kind::NETS => Some(Frame::Nets(std::mem::take(&mut rest).to_vec())),
+            kind::SAMPLES => Some(Frame::Samples(std::mem::take(&mut rest).to_vec())),
             _ => return Ok(None),
         };
         match frame {

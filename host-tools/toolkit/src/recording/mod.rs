@@ -10,7 +10,11 @@
 pub mod entered;
 pub mod file;
 pub mod limits;
+pub mod mcap_file;
 pub mod player;
+pub mod plot;
+pub mod samples;
+pub mod told;
 pub mod walk;
 pub mod writer;
 

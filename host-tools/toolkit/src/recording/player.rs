@@ -8,7 +8,7 @@ use std::sync::Arc;
 use esm_core::{Fault, Interpreter, Observer, Progress, TransitionTaken, Verified};
 use thiserror::Error;
 
-use super::file::{self, BackgroundRunEnd, FileEnd, FileError, Frame, Header};
+use super::file::{self, BackgroundRunEnd, FileEnd, FileError, Frame, Header, MAX_INPUT_BYTES};
 use super::limits::{Limits, TooMuch};
 use super::stretch::{Beginning, Change, Input, Stretch, Stretches, time_of};
 use crate::mission_hash::hash_text;
@@ -31,6 +31,8 @@ pub struct Recording {
     pub end: FileEnd,
     /// Bytes of records.
     pub record_bytes: u64,
+    /// Frames of nets and samples, and how many stretches had begun before each.
+    pub(super) sample_frames: Vec<(usize, Frame)>,
     /// How much of everything is replayed.
     pub(super) limits: Limits,
     /// Where the first mission with a hash is.
@@ -94,6 +96,12 @@ impl Recording {
     /// [`RecordingError`]
     pub(super) fn read_within(bytes: &[u8], limits: Limits) -> Result<Self, RecordingError> {
         let (frames, end) = file::read(bytes)?;
+        let samples = frames.iter().map(|frame| match frame {
+            Frame::Samples(content) => content.len() as u64,
+            _ => 0,
+        });
+        let besides = (bytes.len() as u64).saturating_sub(samples.sum());
+        TooMuch::check("bytes besides samples of values", besides, MAX_INPUT_BYTES)?;
         let mut recording = Recording {
             head: Header::default(),
             missions: Vec::new(),
@@ -101,6 +109,7 @@ impl Recording {
             ends: Vec::new(),
             end,
             record_bytes: 0,
+            sample_frames: Vec::new(),
             limits,
             by_hash: HashMap::new(),
         };
@@ -133,6 +142,9 @@ impl Recording {
                 }
                 Frame::Ends(ends) => recording.ends.extend(ends),
                 Frame::Records(records) => recording.record_bytes += records.len() as u64,
+                Frame::Nets(_) | Frame::Samples(_) => {
+                    recording.sample_frames.push((stretches.begun(), frame));
+                }
                 Frame::Gap(_) | Frame::End(_) => {}
             }
         }

@@ -56,7 +56,7 @@ pub enum Change {
 impl Stretch {
     /// Number of the mission's macro step that the first one made here is, and the number of the
     /// next one behind it if no more are skipped.
-    fn first_step(&self) -> u64 {
+    pub(super) fn first_step(&self) -> u64 {
         match &self.beginning {
             Beginning::Anew => 0,
             Beginning::State(progress, _) => progress.steps,
@@ -106,9 +106,18 @@ impl Stretches {
                 self.gap = true;
             }
             Frame::End(steps) => self.end(*steps),
-            Frame::Header(_) | Frame::Mission { .. } | Frame::Ends(_) => {}
+            Frame::Header(_)
+            | Frame::Mission { .. }
+            | Frame::Ends(_)
+            | Frame::Nets(_)
+            | Frame::Samples(_) => {}
         }
         Ok(())
+    }
+
+    /// How many have begun.
+    pub(super) fn begun(&self) -> usize {
+        self.done.len() + usize::from(self.open.is_some())
     }
 
     pub(super) fn finish(mut self) -> Vec<Stretch> {

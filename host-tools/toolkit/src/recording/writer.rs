@@ -5,14 +5,21 @@ use std::io::{self, Write};
 
 use esm_link::recording::{MAX_QUIET, Recorded, write_quiet};
 
+use crate::clean::counted;
+
 use super::condense::{Condenser, Missions, Runnable, Sink};
 use super::file::{self, BackgroundRunEnd, Frame, Header};
+use super::samples::{RawSample, SampleFrames};
+use crate::values::Watched;
 
 /// Records are written to the file when they are this many bytes…
 const FRAME_BYTES: usize = 1024;
 /// … or of this many macro steps: so much is lost at most if the writing is broken off, and macro
 /// steps before which nothing entered.
 const FRAME_STEPS: u64 = MAX_QUIET as u64;
+
+/// Samples of a mission that wait for word of its beginning at most: it comes over the same line.
+const MAX_EARLY_SAMPLES: usize = 64;
 
 /// Writes a recording as it comes, without what made no difference. Equal records give equal bytes,
 /// in however many parts they come.
@@ -31,6 +38,11 @@ pub struct RecordingWriter<W> {
     /// What came did not fit to what was there, and nobody was told.
     lost: bool,
     counts: Counts,
+    samples: SampleFrames,
+    /// Samples of a mission whose beginning was not told yet.
+    early: Vec<RawSample>,
+    /// The mission that ran before, of which a sample may come late.
+    before: Option<Clock>,
 }
 
 struct Known {
@@ -56,6 +68,13 @@ struct Clock {
 }
 
 impl Clock {
+    /// Whether the robot may have sampled then without a word on the macro steps up to there.
+    fn reaches(&self, t_us: u64) -> bool {
+        let told_by = (self.next_step).saturating_add(MAX_QUIET.into());
+        // Where the mission is not known yet, nor is its period.
+        self.period_us == 0 || t_us <= told_by.saturating_mul(self.period_us)
+    }
+
     fn next_us(&self) -> u64 {
         self.start_us
             .saturating_add(self.next_step.saturating_mul(self.period_us))
@@ -74,6 +93,8 @@ pub struct Counts {
     /// How often all came that the machine was, or a mission began: at the beginning, behind a gap,
     /// or because somebody asked.
     pub beginnings: u64,
+    /// Samples of values.
+    pub samples: u64,
 }
 
 impl fmt::Display for Counts {
@@ -84,9 +105,13 @@ impl fmt::Display for Counts {
             self.steps, self.record_bytes
         )?;
         match self.gaps {
+            0 => {}
+            1 => write!(f, ", with 1 gap")?,
+            gaps => write!(f, ", with {gaps} gaps")?,
+        }
+        match self.samples {
             0 => Ok(()),
-            1 => write!(f, ", with 1 gap"),
-            gaps => write!(f, ", with {gaps} gaps"),
+            samples => write!(f, ", and {} of values", counted(samples, "sample")),
         }
     }
 }
@@ -111,6 +136,9 @@ impl<W: Write> RecordingWriter<W> {
             is_over: false,
             lost: false,
             counts: Counts::default(),
+            samples: SampleFrames::default(),
+            early: Vec::new(),
+            before: None,
         })
     }
 
@@ -175,6 +203,11 @@ impl<W: Write> RecordingWriter<W> {
                 && !self.knows(mission)
             {
                 unknown = Some(mission);
+            }
+            let begins = matches!(record, Recorded::Started { .. } | Recorded::State { .. });
+            if begins && self.samples.bytes() > 0 {
+                // Samples stand before the beginning that they are not of.
+                self.flush()?;
             }
             let before = (self.clock, self.counts);
             let steps = self.steps_of(&record);
@@ -260,8 +293,66 @@ impl<W: Write> RecordingWriter<W> {
             next_step,
         };
         self.is_over |= clock.next_us() > until_us;
-        self.clock = Some(clock);
+        self.before = self.clock.replace(clock).or(self.before);
         steps
+    }
+
+    /// From now on samples of the mission are of these nets.
+    ///
+    /// # Errors
+    /// Whatever the file has.
+    pub fn nets(&mut self, mission: u32, nets: &[Watched]) -> io::Result<()> {
+        self.flush()?;
+        let frame = self.samples.nets(mission, nets);
+        self.write(&frame)
+    }
+
+    /// Adds a sample of the nets that were named. One that cannot be told apart from those of
+    /// another run of the mission is left out.
+    ///
+    /// # Errors
+    /// Whatever the file has.
+    pub fn sample(&mut self, sample: RawSample) -> io::Result<()> {
+        self.take_early()?;
+        let is_of = |clock: &Clock| clock.mission == sample.mission && clock.reaches(sample.t_us);
+        let clocks = [self.clock, self.before];
+        match clocks.into_iter().flatten().find(is_of) {
+            Some(clock) => self.add_sample(&sample, clock.start_us),
+            None => {
+                if self.early.len() == MAX_EARLY_SAMPLES {
+                    self.early.remove(0);
+                }
+                self.early.push(sample);
+                Ok(())
+            }
+        }
+    }
+
+    /// Takes the samples that came before the beginning of their mission.
+    fn take_early(&mut self) -> io::Result<()> {
+        let Some(clock) = self.clock else {
+            return Ok(());
+        };
+        let (due, early) = (std::mem::take(&mut self.early).into_iter())
+            .partition(|sample| sample.mission == clock.mission && clock.reaches(sample.t_us));
+        self.early = early;
+        let due: Vec<RawSample> = due;
+        (due.iter()).try_for_each(|sample| self.add_sample(sample, clock.start_us))
+    }
+
+    fn add_sample(&mut self, sample: &RawSample, start_us: u64) -> io::Result<()> {
+        let until_us = self.until_us.unwrap_or(u64::MAX);
+        if start_us.saturating_add(sample.t_us) > until_us {
+            return Ok(());
+        }
+        if !self.samples.goes_on(sample, start_us) {
+            self.flush()?;
+        }
+        self.counts.samples += u64::from(self.samples.add(sample, start_us));
+        if self.samples.bytes() >= FRAME_BYTES {
+            self.flush()?;
+        }
+        Ok(())
     }
 
     /// Macro steps without a change before the one of this number, which nobody has told yet; none
@@ -290,7 +381,7 @@ impl<W: Write> RecordingWriter<W> {
         self.write_quiet()?;
         self.counts.gaps += 1;
         // What comes next goes on from elsewhere.
-        self.clock = None;
+        self.before = self.clock.take().or(self.before);
         self.condenser.forget();
         self.write(&Frame::Gap(missing))
     }
@@ -321,6 +412,7 @@ impl<W: Write> RecordingWriter<W> {
             self.counts.steps += u64::from(quiet);
             self.counts.steps = (self.counts.steps).saturating_sub(next.saturating_sub(steps));
         }
+        self.take_early()?;
         self.flush()?;
         self.write_quiet()?;
         if let Some(steps) = steps {
@@ -349,7 +441,11 @@ impl<W: Write> RecordingWriter<W> {
             self.write_gap(1)?;
             self.lost = true;
         }
-        Ok(())
+        // Behind the beginning of their mission.
+        match self.samples.take() {
+            Some(samples) => self.write(&samples),
+            None => Ok(()),
+        }
     }
 
     /// Whether something was missing since this was last asked, of which no word came: whoever can
