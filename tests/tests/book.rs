@@ -281,6 +281,7 @@ fn fields_in_the_chapter(chapter: &str, type_name: &str) -> String {
 #[test]
 fn the_chapter_on_types_has_the_fields_of_the_code() {
     use rt_firmware::PortType;
+    use rt_firmware::behaviours::BehaviourList;
     use rt_firmware::tasks::{ArrayRanges, Battery, Line, Pose, Ranges, Twist, WheelSpeeds};
 
     let chapter = read("docs/src/types.md");
@@ -290,6 +291,7 @@ fn the_chapter_on_types_has_the_fields_of_the_code() {
         (WheelSpeeds::NAME, WheelSpeeds::FIELDS),
         (Ranges::NAME, Ranges::FIELDS),
         (ArrayRanges::NAME, ArrayRanges::FIELDS),
+        (BehaviourList::NAME, BehaviourList::FIELDS),
         (Battery::NAME, Battery::FIELDS),
         (Line::NAME, Line::FIELDS),
     ];
@@ -594,7 +596,7 @@ fn wrong_with(command: &str, folder: &Path) -> Option<String> {
         // What the page has built before.
         "flash" => arguments.retain(|word| !word.ends_with(".elf")),
         // The same run on the host, in hundredths of the time.
-        "run" if !command.contains("--board host") => {
+        "run" | "record" if command.contains(".esm") && !command.contains("--board host") => {
             if let Some(place) = arguments.iter().position(|word| word == "--board") {
                 arguments.drain(place..place + 2);
             }

@@ -343,6 +343,12 @@ mod tests {
         assert!(list.is_empty());
     }
 
+    /// Each task state of a behaviour has room for two: the chapter on behaviours says how much.
+    #[test]
+    fn a_list_is_as_small_as_the_book_says() {
+        assert_eq!(size_of::<BehaviourList>(), 52);
+    }
+
     proptest! {
         /// Whatever is done to a list, in any order: its keys differ, it is never overfull, and
         /// only the head executes.

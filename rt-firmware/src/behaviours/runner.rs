@@ -4,6 +4,7 @@ use super::life_cycle::LifeState;
 use super::list::{BehaviourList, Key};
 use super::situation::{OutsideRange, Reaction, SafetyCheck, Situation};
 use super::{Behaviour, Control, Scene};
+use crate::odometry::LocalFrame;
 use crate::ports::Io;
 use crate::task::{OptIn, OptInOut, OutFlag, Param, Step};
 use crate::tasks::{Pose, Ranges, Twist};
@@ -37,15 +38,27 @@ pub struct Runner<B> {
 }
 
 /// Its place on the list, and in the world.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Place {
     key: Option<Key>,
     /// It has not come onto the list since its state was entered.
     is_new: bool,
-    centre: Pose,
+    centre: LocalFrame,
     /// What it asked for when it was interrupted.
     asked: Twist,
     free_us: u32,
+}
+
+impl Default for Place {
+    fn default() -> Self {
+        Self {
+            key: None,
+            is_new: false,
+            centre: LocalFrame::START,
+            asked: Twist::STILL,
+            free_us: 0,
+        }
+    }
 }
 
 /// Whose turn it is.
@@ -97,7 +110,7 @@ impl Place {
             return self.wait(io, ports, role);
         }
         let scene = Scene {
-            pose: self.centre.to_local(pose),
+            pose: self.centre.see(pose),
             ranges: io.try_read(ports.ranges),
             period_us: io.period_us(),
         };
@@ -131,7 +144,7 @@ impl Place {
         *self = Self {
             key: Some(key),
             is_new: false,
-            centre,
+            centre: LocalFrame::from(centre),
             asked: Twist::STILL,
             free_us: 0,
         };
@@ -163,9 +176,7 @@ impl Place {
             Role::Executes | Role::Waits => {}
             Role::Idles => {
                 let ranges = io.try_read(ports.ranges);
-                let is_free = SafetyCheck
-                    .look(&self.centre, &self.asked, ranges)
-                    .is_none();
+                let is_free = SafetyCheck::is_free(&self.asked, ranges);
                 self.free_us = if is_free {
                     self.free_us.saturating_add(io.period_us())
                 } else {

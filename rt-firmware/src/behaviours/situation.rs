@@ -46,25 +46,31 @@ impl SafetyCheck {
     }
 }
 
-impl Situation for SafetyCheck {
-    fn look(&self, _: &Pose, twist: &Twist, ranges: Option<&Ranges>) -> Option<Reaction> {
+impl SafetyCheck {
+    /// Whether the way of this movement is free.
+    pub fn is_free(twist: &Twist, ranges: Option<&Ranges>) -> bool {
         let ways = if twist.forward_m_per_s > 0.0 {
             [Bearing::Ahead, Bearing::AheadLeft, Bearing::AheadRight]
         } else if twist.forward_m_per_s < 0.0 {
             [Bearing::Behind, Bearing::BehindLeft, Bearing::BehindRight]
         } else {
-            return None;
+            return true;
         };
         let stop_m = Self::stop_distance_m(twist.forward_m_per_s);
         let [straight, diagonals @ ..] = ways;
         // A direction in which no sonar looks is nobody's fault, but straight on.
-        let is_free = ranges.is_some_and(|ranges| {
+        ranges.is_some_and(|ranges| {
             ranges.free_m(straight) > stop_m
                 && diagonals
                     .iter()
                     .all(|way| ranges.free_unless_seen_m(*way) > stop_m * Self::DIAGONAL_PART)
-        });
-        (!is_free).then_some(Reaction::Suspend)
+        })
+    }
+}
+
+impl Situation for SafetyCheck {
+    fn look(&self, _: &Pose, twist: &Twist, ranges: Option<&Ranges>) -> Option<Reaction> {
+        (!Self::is_free(twist, ranges)).then_some(Reaction::Suspend)
     }
 }
 

@@ -63,19 +63,57 @@ impl Frame {
 
     /// A frame as seen from this one. Both are seen from the same.
     pub fn to_local(self, global: Self) -> Self {
-        let (sine, cosine) = sine_and_cosine(self.heading_rad);
-        let (x_m, y_m) = (global.x_m - self.x_m, global.y_m - self.y_m);
-        Self {
-            x_m: x_m * cosine + y_m * sine,
-            y_m: y_m * cosine - x_m * sine,
-            heading_rad: wrapped_rad(global.heading_rad - self.heading_rad),
-        }
+        LocalFrame::from(self).see(global)
     }
 
     /// A frame that is seen from this one, as seen from where this one is seen from: what
     /// [`to_local`](Self::to_local) undoes, and [`compose`](Self::compose) by another name.
     pub fn to_global(self, local: Self) -> Self {
         self.compose(local)
+    }
+}
+
+/// A frame that many others are to be seen from: sine and cosine of its heading are worked out
+/// once.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LocalFrame {
+    frame: Frame,
+    sine: f32,
+    cosine: f32,
+}
+
+impl From<Frame> for LocalFrame {
+    fn from(frame: Frame) -> Self {
+        let (sine, cosine) = sine_and_cosine(frame.heading_rad);
+        Self {
+            frame,
+            sine,
+            cosine,
+        }
+    }
+}
+
+impl LocalFrame {
+    /// The frame that others are seen from.
+    pub const START: Self = Self {
+        frame: Frame::START,
+        sine: 0.0,
+        cosine: 1.0,
+    };
+
+    /// A frame as seen from this one.
+    pub fn see(&self, global: Frame) -> Frame {
+        let Self {
+            frame,
+            sine,
+            cosine,
+        } = self;
+        let (x_m, y_m) = (global.x_m - frame.x_m, global.y_m - frame.y_m);
+        Frame {
+            x_m: x_m * cosine + y_m * sine,
+            y_m: y_m * cosine - x_m * sine,
+            heading_rad: wrapped_rad(global.heading_rad - frame.heading_rad),
+        }
     }
 }
 

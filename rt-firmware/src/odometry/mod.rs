@@ -19,5 +19,5 @@ mod frame;
 mod uncertainty;
 
 pub use angle::wrapped_rad;
-pub use frame::{Frame, Pose};
+pub use frame::{Frame, LocalFrame, Pose};
 pub use uncertainty::Uncertainty;

@@ -1,6 +1,7 @@
 //! Laws that several tasks move by.
 
 use super::values::{Chassis, Pose, Twist, WheelSpeeds};
+use crate::odometry::LocalFrame;
 
 /// How to come to a goal and stand there: slower as it comes near, never slower than what friction
 /// lets move, never faster than wanted. All are for one dimension, in metres or in radians.
@@ -42,7 +43,7 @@ pub fn ramped(value: f32, goal: f32, most_change: f32) -> f32 {
 /// A straight line on the floor: from a pose on, the way that it looked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
-    start: Pose,
+    start: LocalFrame,
 }
 
 /// Where a robot is, seen from a [`Track`].
@@ -59,12 +60,14 @@ pub struct OnTrack {
 impl Track {
     /// The line from here on.
     pub fn from_pose(start: &Pose) -> Self {
-        Self { start: *start }
+        Self {
+            start: LocalFrame::from(*start),
+        }
     }
 
     /// Where this pose is.
     pub fn locate(&self, pose: &Pose) -> OnTrack {
-        let seen = self.start.to_local(*pose);
+        let seen = self.start.see(*pose);
         OnTrack {
             along_m: seen.x_m,
             left_m: seen.y_m,

@@ -120,14 +120,35 @@ pub enum Sector {
 }
 
 impl Sector {
-    /// The bearings in it, from the right to the left.
-    pub const fn bearings(self) -> [Bearing; 3] {
+    /// The bearings in it.
+    const fn bearings(self) -> Bearings {
+        use Bearing::{Ahead, AheadLeft, AheadRight, Behind, BehindLeft, BehindRight, Left, Right};
         match self {
-            Self::Front => [Bearing::AheadRight, Bearing::Ahead, Bearing::AheadLeft],
-            Self::Left => [Bearing::AheadLeft, Bearing::Left, Bearing::BehindLeft],
-            Self::Back => [Bearing::BehindLeft, Bearing::Behind, Bearing::BehindRight],
-            Self::Right => [Bearing::BehindRight, Bearing::Right, Bearing::AheadRight],
+            Self::Front => Bearings::of(&[AheadRight, Ahead, AheadLeft]),
+            Self::Left => Bearings::of(&[AheadLeft, Left, BehindLeft]),
+            Self::Back => Bearings::of(&[BehindLeft, Behind, BehindRight]),
+            Self::Right => Bearings::of(&[BehindRight, Right, AheadRight]),
         }
+    }
+}
+
+/// Some bearings: a bit for each.
+#[derive(Clone, Copy, Debug)]
+struct Bearings(u8);
+
+impl Bearings {
+    const fn of(bearings: &[Bearing]) -> Self {
+        let mut bits = 0;
+        let mut rest = bearings;
+        while let [bearing, tail @ ..] = rest {
+            bits |= 1 << *bearing as u8;
+            rest = tail;
+        }
+        Self(bits)
+    }
+
+    fn has(self, bearing: Bearing) -> bool {
+        self.0 >> bearing as u8 & 1 != 0
     }
 }
 
@@ -230,33 +251,37 @@ impl Ranges {
 
     /// The shortest of the ranges of the sonars that look there, 0 where one of them is not known;
     /// none where no sonar looks there.
-    fn towards_m(&self, bearing: Bearing) -> Option<f32> {
+    fn towards_m(&self, bearings: Bearings) -> Option<f32> {
         let sonars = usize::from(self.sonars);
-        (self.bearings.iter().zip(self.range_m).take(sonars))
-            .filter(|(looks, _)| **looks == bearing)
-            .map(|(_, range_m)| range_m)
-            .reduce(f32::min)
+        // Ranges are not negative, and so have the order of their bits: a comparison of those takes
+        // a core without a floating-point unit one instruction, not twenty.
+        let mut least = None;
+        for (looks, range_m) in self.bearings.iter().zip(&self.range_m).take(sonars) {
+            if bearings.has(*looks) {
+                let bits = range_m.to_bits();
+                least = Some(least.map_or(bits, |least: u32| least.min(bits)));
+            }
+        }
+        least.map(f32::from_bits)
     }
 
     /// Free way there, as far as it is known: 0 where a sonar that looks there does not know, and
     /// where none looks there.
     pub fn free_m(&self, bearing: Bearing) -> f32 {
-        self.towards_m(bearing).unwrap_or(0.0)
+        self.towards_m(Bearings::of(&[bearing])).unwrap_or(0.0)
     }
 
     /// As [`free_m`](Self::free_m), but far where no sonar looks there: for directions in which a
     /// robot can do without one. A sonar that is there and does not know is still no free way.
     pub fn free_unless_seen_m(&self, bearing: Bearing) -> f32 {
-        self.towards_m(bearing).unwrap_or(Self::FAR_M)
+        self.towards_m(Bearings::of(&[bearing]))
+            .unwrap_or(Self::FAR_M)
     }
 
     /// Free way in a sector: the least range of the sonars that look there. 0 where one of them
     /// does not know, and where none looks there: what is unknown is never far.
     pub fn free_range(&self, sector: Sector) -> f32 {
-        let [right, middle, left] = sector.bearings();
-        let ranges_m = [right, middle, left].map(|bearing| self.towards_m(bearing));
-        let least_m = ranges_m.into_iter().flatten().reduce(f32::min);
-        least_m.unwrap_or(0.0)
+        self.towards_m(sector.bearings()).unwrap_or(0.0)
     }
 
     /// Straight ahead, in metres; 0 if it is not known.
