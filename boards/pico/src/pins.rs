@@ -116,6 +116,7 @@ impl Blocks {
                 right_encoder,
                 sonar_triggers,
                 echo_timers,
+                array: None,
                 battery: Input::new(Some(wiring.battery), &mut free),
                 line_sensors: wiring.floor.map(|pin| Input::new(pin, &mut free)),
             },

@@ -53,6 +53,7 @@ impl<'a> MyRobot<'a> {
             right_encoder: parts.right_encoder,
             sonar_triggers: parts.sonar_triggers,
             echo_timers: parts.echo_timers,
+            array: None,
             battery,
             line_sensors: [left, middle, right],
         }

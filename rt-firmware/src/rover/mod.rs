@@ -28,11 +28,9 @@ use embedded_hal::pwm::SetDutyCycle;
 
 #[cfg(feature = "behaviours")]
 use crate::behaviours::{Behaviours, GoTo, Move, TurnTo};
-#[cfg(feature = "sonar-array")]
-use crate::body::ARRAY_BANKS;
 use crate::body::{
-    AUX_OUTPUTS, AnalogChannel, AuxOutput, DirectionPin, EchoCapture, EncoderCount, LINE_SENSORS,
-    MotorPwm, Parts, SONARS, TriggerPin,
+    ARRAY_BANKS, AUX_OUTPUTS, AnalogChannel, AuxOutput, DirectionPin, EchoCapture, EncoderCount,
+    LINE_SENSORS, MotorPwm, Parts, SONARS, TriggerPin,
 };
 use crate::drivers::{
     AnalogIn, BatteryGauge, DcMotor, EchoTimer, EncoderCounter, LineArray, WheelEncoder,
@@ -112,16 +110,22 @@ pub struct RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize = SONARS> 
     pub sonar_triggers: [T; N],
     /// Echo timers of the sonars.
     pub echo_timers: [E; N],
-    /// Triggers of the banks of the array of sonars.
-    #[cfg(feature = "sonar-array")]
-    pub array_triggers: [T; ARRAY_BANKS],
-    /// Echo timers of the array.
-    #[cfg(feature = "sonar-array")]
-    pub array_echo_timers: [E; SONARS],
+    /// The array of sonars, if the robot has one. A firmware without the feature `sonar-array` has
+    /// no task for it.
+    pub array: Option<ArrayParts<T, E>>,
     /// The battery's analogue input.
     pub battery: A,
     /// The analogue inputs that measure how the floor reflects, from the left to the right.
     pub line_sensors: [A; LINE_SENSORS],
+}
+
+/// The HAL objects of an array of sonars.
+#[derive(Debug)]
+pub struct ArrayParts<T, E> {
+    /// Triggers of its banks.
+    pub triggers: [T; ARRAY_BANKS],
+    /// Echo timers, each of one sonar of each bank.
+    pub echo_timers: [E; SONARS],
 }
 
 /// [`RoverParts`] on a [`PinImage`](crate::body::PinImage).
@@ -174,9 +178,12 @@ pub fn split_pins(parts: Parts<'_>) -> (PinRoverParts<'_>, SparePins<'_>) {
         sonar_triggers: parts.sonar_triggers,
         echo_timers: parts.echo_timers,
         #[cfg(feature = "sonar-array")]
-        array_triggers: parts.array_triggers,
-        #[cfg(feature = "sonar-array")]
-        array_echo_timers: parts.array_echo_timers,
+        array: Some(ArrayParts {
+            triggers: parts.array_triggers,
+            echo_timers: parts.array_echo_timers,
+        }),
+        #[cfg(not(feature = "sonar-array"))]
+        array: None,
         battery,
         line_sensors: [left, middle, right],
     };
@@ -233,7 +240,9 @@ where
         HardwareTasks {
             sonar_ring: SonarRing::new(self.sonar_triggers, self.echo_timers, measures.sonars),
             #[cfg(feature = "sonar-array")]
-            sonar_array: SonarArray::new(self.array_triggers, self.array_echo_timers),
+            sonar_array: SonarArray::new(
+                self.array.map(|array| (array.triggers, array.echo_timers)),
+            ),
             odometry: Odometry::new(
                 WheelEncoder::new(self.left_encoder),
                 WheelEncoder::new(self.right_encoder),

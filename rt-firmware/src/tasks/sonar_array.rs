@@ -26,13 +26,20 @@ const _: () = assert!(
 /// share the echo pins: a mission has one of the two.
 #[derive(Debug)]
 pub struct SonarArray<T, E> {
-    triggers: [T; ARRAY_BANKS],
-    echo_timers: [E; SONARS],
+    /// Triggers and echo timers; none where the robot has no array.
+    pins: Option<([T; ARRAY_BANKS], [E; SONARS])>,
     /// The bank that pings next; its answers complete a picture if it is the first.
     bank: usize,
-    /// The bank whose answers are due, if its ping was sent.
-    asked: Option<usize>,
+    /// The bank whose answers are due.
+    asked: Option<Asked>,
     ranges: ArrayRanges,
+}
+
+/// A bank that was to ping.
+#[derive(Clone, Copy, Debug)]
+struct Asked {
+    bank: usize,
+    is_sent: bool,
 }
 
 task! {
@@ -52,21 +59,24 @@ task! {
 
 impl<T: OutputPin, E: EchoTimer> SonarArray<T, E> {
     /// The array on these pins: a trigger for each bank, an echo timer for the sonars of one number
-    /// in all banks.
-    pub fn new(triggers: [T; ARRAY_BANKS], echo_timers: [E; SONARS]) -> Self {
+    /// in all banks. Where there is no array, no sonar answers.
+    pub fn new(pins: Option<([T; ARRAY_BANKS], [E; SONARS])>) -> Self {
         Self {
-            triggers,
-            echo_timers,
+            pins,
             bank: 0,
             asked: None,
             ranges: ArrayRanges::NONE,
         }
     }
 
-    fn collect(&mut self, bank: usize) {
-        let ranges = self.ranges.range_mm.chunks_exact_mut(SONARS);
-        for row in ranges.skip(bank).take(1) {
-            for (range_mm, timer) in row.iter_mut().zip(&mut self.echo_timers) {
+    fn collect(&mut self, asked: Asked) {
+        let first = asked.bank * SONARS;
+        let Some(row) = self.ranges.range_mm.get_mut(first..first + SONARS) else {
+            return;
+        };
+        row.fill(0);
+        if let (Some((_, echo_timers)), true) = (&mut self.pins, asked.is_sent) {
+            for (range_mm, timer) in row.iter_mut().zip(echo_timers) {
                 *range_mm = match answer_to(timer.pulse()) {
                     Answer::Echo { range_m } => ArrayRanges::millimetres(range_m),
                     Answer::NothingInRange => ArrayRanges::millimetres(Ranges::FAR_M),
@@ -77,10 +87,13 @@ impl<T: OutputPin, E: EchoTimer> SonarArray<T, E> {
     }
 
     fn ping(&mut self) {
-        let trigger = &mut self.triggers[self.bank];
-        let sent = trigger.set_high().and_then(|()| trigger.set_low());
+        let bank = self.bank;
+        let triggers = self.pins.as_mut().map(|(triggers, _)| triggers);
+        let trigger = triggers.and_then(|triggers| triggers.get_mut(bank));
         // A ping that cannot be sent has no answer: its bank is not known.
-        self.asked = sent.is_ok().then_some(self.bank);
+        let is_sent = trigger
+            .is_some_and(|trigger| trigger.set_high().and_then(|()| trigger.set_low()).is_ok());
+        self.asked = Some(Asked { bank, is_sent });
     }
 }
 
@@ -92,8 +105,8 @@ impl<T: OutputPin + Send, E: EchoTimer + Send> Task for SonarArray<T, E> {
     }
 
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        if let Some(bank) = self.asked {
-            self.collect(bank);
+        if let Some(asked) = self.asked {
+            self.collect(asked);
             if self.bank == 0 {
                 *io.write(Self::RANGES) = self.ranges;
             }
@@ -116,7 +129,7 @@ mod tests {
     fn banks_ping_in_turn_and_a_picture_is_a_whole_round() {
         let pins = PinImage::new();
         let parts = pins.parts();
-        let array = Array::new(parts.array_triggers, parts.array_echo_timers);
+        let array = Array::new(Some((parts.array_triggers, parts.array_echo_timers)));
         let mut bench = TaskBench::new(array);
         bench.period_us(40_000);
         // The echoes of each bank are longer than those of the one before; one sonar waits in
@@ -148,10 +161,19 @@ mod tests {
     }
 
     #[test]
+    fn without_an_array_nothing_is_known() {
+        let mut bench = TaskBench::new(Array::new(None));
+        for _ in 0..4 {
+            bench.step();
+        }
+        assert_eq!(bench.output(Array::RANGES), Some(ArrayRanges::NONE));
+    }
+
+    #[test]
     fn what_was_seen_before_is_forgotten_where_the_state_is_entered_again() {
         let pins = PinImage::new();
         let parts = pins.parts();
-        let array = Array::new(parts.array_triggers, parts.array_echo_timers);
+        let array = Array::new(Some((parts.array_triggers, parts.array_echo_timers)));
         let mut bench = TaskBench::new(array);
         bench.period_us(40_000);
         pins.set_sensors(&Sensors {
