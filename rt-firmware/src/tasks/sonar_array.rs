@@ -2,7 +2,7 @@
 
 use embedded_hal::digital::OutputPin;
 
-use super::values::{ARRAY_SONARS, ArrayRanges, Ranges};
+use super::values::{ARRAY_SONARS, ArrayRanges};
 use crate::body::{ARRAY_BANKS, SONARS};
 use crate::drivers::{Answer, EchoTimer, answer_to};
 use crate::ports::Io;
@@ -79,7 +79,7 @@ impl<T: OutputPin, E: EchoTimer> SonarArray<T, E> {
             for (range_mm, timer) in row.iter_mut().zip(echo_timers) {
                 *range_mm = match answer_to(timer.pulse()) {
                     Answer::Echo { range_m } => ArrayRanges::millimetres(range_m),
-                    Answer::NothingInRange => ArrayRanges::millimetres(Ranges::FAR_M),
+                    Answer::NothingInRange => ArrayRanges::FAR_MM,
                     Answer::None => 0,
                 };
             }
@@ -108,7 +108,12 @@ impl<T: OutputPin + Send, E: EchoTimer + Send> Task for SonarArray<T, E> {
         if let Some(asked) = self.asked {
             self.collect(asked);
             if self.bank == 0 {
-                *io.write(Self::RANGES) = self.ranges;
+                let rows = io
+                    .write(Self::RANGES)
+                    .range_mm
+                    .iter_mut()
+                    .zip(self.ranges.range_mm);
+                rows.for_each(|(to_mm, range_mm)| *to_mm = range_mm.min(ArrayRanges::FAR_MM));
             }
         }
         self.ping();

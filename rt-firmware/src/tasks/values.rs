@@ -357,6 +357,9 @@ impl ArrayRanges {
         range_mm: [0; ARRAY_SONARS],
     };
 
+    /// [`Ranges::FAR_M`] in millimetres: the range where nothing is in reach.
+    pub const FAR_MM: u16 = (Ranges::FAR_M * 1e3) as u16;
+
     /// A range as it stands here: at least a millimetre, so that what is at a sonar's nose is
     /// known.
     pub fn millimetres(range_m: f32) -> u16 {
