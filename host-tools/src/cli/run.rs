@@ -58,8 +58,8 @@ pub struct RunArgs {
     #[arg(long, value_name = "BOARD", default_value = crate::boards::DEFAULT)]
     pub board: String,
 
-    /// The world to drive in: a file, or the name of one that ships, `office`, `corridor`, `track`
-    /// or `empty` [default: office]
+    /// The world to drive in: a file, or the name of one that ships, `office`, `corridor`, `track`,
+    /// `empty` or `visitors` [default: office]
     #[arg(long, value_name = "WORLD")]
     pub world: Option<PathBuf>,
 

@@ -32,7 +32,7 @@ use crate::world::{World, WorldError};
 
 /// The worlds that ship, by the names under which they are asked for. The first is driven in where
 /// none is named.
-const SHIPPED_WORLDS: [(&str, &str); 4] = [
+const SHIPPED_WORLDS: [(&str, &str); 5] = [
     (
         "office",
         include_str!("../../../missions/worlds/office.world"),
@@ -48,6 +48,10 @@ const SHIPPED_WORLDS: [(&str, &str); 4] = [
     (
         "empty",
         include_str!("../../../missions/worlds/empty.world"),
+    ),
+    (
+        "visitors",
+        include_str!("../../../missions/worlds/visitors.world"),
     ),
 ];
 

@@ -34,7 +34,7 @@ mod timeline;
 
 pub use curves::{Curve, Curves, Panel};
 pub use drive::DrivePicture;
-pub use path::{FloorLine, Leg, PathPicture, PathSample, Room};
+pub use path::{FloorLine, Leg, PathPicture, PathSample, Person, Room};
 pub use png::PngError;
 pub use recorder::StatesRecorder;
 pub use slots::{MAX_FRAMES, MAX_ROWS, SlotPicture};
@@ -68,6 +68,13 @@ mod tests {
         let scene = samples::flat().scene();
         assert_golden("path.svg", scene.to_svg().as_bytes());
         assert_golden("path.png", &scene.to_png().unwrap());
+    }
+
+    #[test]
+    fn people_on_a_map_look_as_they_did() {
+        let scene = samples::visited().scene();
+        assert_golden("people.svg", scene.to_svg().as_bytes());
+        assert_golden("people.png", &scene.to_png().unwrap());
     }
 
     #[test]

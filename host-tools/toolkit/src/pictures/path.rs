@@ -2,6 +2,7 @@
 
 use super::axis;
 use super::font::{self, Weight};
+use crate::duration;
 use crate::world::{self, World};
 
 use super::scene::{Anchor, Colour, Point, Scene, Shape, Stroke, Text, words};
@@ -22,7 +23,9 @@ pub struct PathPicture {
     pub lines: Vec<FloorLine>,
     /// The parts of the path, one for each mission, in the order of time.
     pub legs: Vec<Leg>,
-    /// Where the robot touched a wall.
+    /// People who stand there for a time.
+    pub people: Vec<Person>,
+    /// Where the robot touched a wall or a person.
     pub collisions: Vec<[f32; 2]>,
     /// Radius of the robot, for its outline at the end of the path; 0 for none.
     pub robot_radius_m: f32,
@@ -44,6 +47,36 @@ pub struct FloorLine {
     pub ends: [[f32; 2]; 2],
     /// From edge to edge, in metres.
     pub width_m: f32,
+}
+
+/// A person who stands in the way for a time.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Person {
+    /// Where the person stands.
+    pub centre: [f32; 2],
+    /// The person's radius, in metres.
+    pub radius_m: f32,
+    /// When the person is to stand there, in words; empty for always.
+    pub time: String,
+}
+
+impl Person {
+    fn of(person: &world::Person) -> Self {
+        let from = (person.from_us > 0).then(|| format!("from {}", duration::time(person.from_us)));
+        let to = (person.to_us).map(|to_us| format!("to {}", duration::time(to_us)));
+        let words: Vec<String> = from.into_iter().chain(to).collect();
+        let centre = person.circle.centre;
+        Person {
+            centre: [centre.x_m as f32, centre.y_m as f32],
+            radius_m: person.circle.radius_m as f32,
+            time: words.join(" "),
+        }
+    }
+
+    /// Opposite corners of the square around the person.
+    fn corners(&self) -> [[f32; 2]; 2] {
+        [-self.radius_m, self.radius_m].map(|off_m| self.centre.map(|value| value + off_m))
+    }
 }
 
 /// The part of a path that one mission drove.
@@ -93,6 +126,9 @@ const FLOOR_LINE: Colour = Colour::opaque(0xb9bfc8);
 const FLOOR_LINE_WIDTH_LEAST: f32 = 1.5;
 const ROOM: Colour = Colour::opaque(0xf4f6f9);
 const ROOM_NAME: Colour = Colour::opaque(0x93a0b0);
+const PERSON: Colour = Colour::opaque(0x6b4f9e);
+/// Light enough for a path to show that goes where a person has stood.
+const PERSON_ALPHA: u8 = 50;
 const COLLISION: Colour = Colour::opaque(0xc81e2b);
 /// Told apart by eyes of all kinds (after Okabe and Ito), dark enough for a line on white.
 const LEGS: [Colour; 6] = [
@@ -128,6 +164,7 @@ impl PathPicture {
                     width_m: line.width_m as f32,
                 })
                 .collect(),
+            people: world.people.iter().map(Person::of).collect(),
             ..PathPicture::default()
         }
     }
@@ -152,6 +189,7 @@ impl PathPicture {
         for [from, to] in &self.walls {
             scene.line([map.place(*from), map.place(*to)], Stroke::solid(WALL, 2.6));
         }
+        self.draw_people(&tracks, &map, &mut taken, &mut scene);
         for track in &tracks {
             track.line(&mut scene);
         }
@@ -192,6 +230,7 @@ impl PathPicture {
             .chain(rooms)
             .chain(lines)
             .chain(samples)
+            .chain(self.people.iter().flat_map(Person::corners))
             .chain(self.collisions.iter().copied());
         let mut finite = points.filter(|point| point.iter().all(|value| value.is_finite()));
         let first = finite.next().unwrap_or([0.0, 0.0]);
@@ -273,6 +312,44 @@ impl PathPicture {
         taken
     }
 
+    /// A circle for each person, labelled with the time where a label finds room: on the side where
+    /// it hides the least of the path.
+    fn draw_people(
+        &self,
+        tracks: &[Track<'_>],
+        map: &Map,
+        taken: &mut Vec<Area>,
+        scene: &mut Scene,
+    ) {
+        for person in &self.people {
+            let ([x, y], radius) = (map.place(person.centre), person.radius_m * map.scale);
+            scene.tooltip(format!("person {}", person.time).trim_end());
+            scene.circle(
+                [x, y],
+                radius,
+                Some(PERSON.with_alpha(PERSON_ALPHA)),
+                Some(Stroke::solid(PERSON, 1.4)),
+            );
+            if person.time.is_empty() {
+                continue;
+            }
+            let labels = [
+                ([x, y + radius + 13.0], Anchor::Middle),
+                ([x, y - radius - 6.0], Anchor::Middle),
+                ([x + radius + 6.0, y + 4.0], Anchor::Start),
+                ([x - radius - 6.0, y + 4.0], Anchor::End),
+            ]
+            .map(|(at, anchor)| words(at, &person.time, 10.5, Weight::Regular, PERSON, anchor));
+            let free = labels
+                .into_iter()
+                .filter(|text| !taken.iter().any(|area| area.meets(&Area::of(text))));
+            if let Some(text) = free.min_by_key(|text| hidden_points(text, tracks)) {
+                taken.push(Area::of(&text));
+                scene.text(text);
+            }
+        }
+    }
+
     /// A ring where the run began; the robot, looking where it last went, where it ended.
     fn start_and_end(
         &self,
@@ -317,6 +394,9 @@ impl PathPicture {
             entries.push((LegendSign::Start, "start".into()));
             entries.push((LegendSign::End, "end".into()));
         }
+        if !self.people.is_empty() {
+            entries.push((LegendSign::Person, "person".into()));
+        }
         if !self.collisions.is_empty() {
             entries.push((LegendSign::Collision, "collision".into()));
         }
@@ -360,6 +440,7 @@ enum LegendSign {
     Leg(Colour),
     Start,
     End,
+    Person,
     Collision,
 }
 
@@ -376,6 +457,12 @@ impl LegendSign {
                 Some(Stroke::solid(QUIET_INK, 2.4)),
             ),
             LegendSign::End => arrow([1.0, 0.0], [x + 14.0, y], QUIET_INK, scene),
+            LegendSign::Person => scene.circle(
+                [x + 14.0, y],
+                5.5,
+                Some(PERSON.with_alpha(PERSON_ALPHA)),
+                Some(Stroke::solid(PERSON, 1.4)),
+            ),
             LegendSign::Collision => cross([x + 14.0, y], scene),
         }
     }
@@ -598,20 +685,22 @@ impl<'a> Track<'a> {
             let free = labels
                 .into_iter()
                 .filter(|text| !taken.iter().any(|area| area.meets(&Area::of(text))));
-            let hidden = |text: &Text| {
-                let area = Area::of(text);
-                tracks
-                    .iter()
-                    .flat_map(|track| &track.points)
-                    .filter(|point| area.holds(point.place))
-                    .count()
-            };
-            if let Some(text) = free.min_by_key(hidden) {
+            if let Some(text) = free.min_by_key(|text| hidden_points(text, tracks)) {
                 taken.push(Area::of(&text));
                 scene.text(text);
             }
         }
     }
+}
+
+/// How many points of the path a text would hide.
+fn hidden_points(text: &Text, tracks: &[Track<'_>]) -> usize {
+    let area = Area::of(text);
+    tracks
+        .iter()
+        .flat_map(|track| &track.points)
+        .filter(|point| area.holds(point.place))
+        .count()
 }
 
 const START_RADIUS: f32 = 5.5;

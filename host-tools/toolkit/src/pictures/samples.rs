@@ -7,6 +7,7 @@ use super::{
     StateSpan, Timeline,
 };
 use crate::samples::timetable;
+use crate::world::World;
 
 /// Two missions in a flat of four rooms, with a collision.
 pub(super) fn flat() -> PathPicture {
@@ -58,8 +59,30 @@ pub(super) fn flat() -> PathPicture {
                 samples: (1200..=2400).map(sample).collect(),
             },
         ],
+        people: Vec::new(),
         collisions: vec![[9.2, 2.5]],
         robot_radius_m: 0.15,
+    }
+}
+
+/// A run past people, one of each kind of time.
+pub(super) fn visited() -> PathPicture {
+    let text = "world visited\nstart 1,1 0\nwall 0,0 4,0 4,3 0,3 0,0\nroom Hall 0,0 4,0 4,3 0,3\n\
+         person 1,2.2 0.25\nperson 3,1 0.25 from 2500 ms to 9 s\n\
+         person 3.3,2.2 0.4 from 12 s\nperson 2,1.2 0.1 to 4 s";
+    let world = World::parse(text).unwrap();
+    let sample = |tick: u16| PathSample {
+        t_us: u64::from(tick) * 100_000,
+        x_m: 1.0 + f32::from(tick.min(50)) / 50.0,
+        y_m: 1.0 + f32::from(tick.saturating_sub(50)) / 50.0,
+    };
+    PathPicture {
+        legs: vec![Leg {
+            name: "guard".into(),
+            samples: (0..=120).map(sample).collect(),
+        }],
+        robot_radius_m: 0.12,
+        ..PathPicture::over(&world)
     }
 }
 

@@ -1,8 +1,9 @@
-//! Motors, wheels, battery, and the body that they push over the floor and into walls.
+//! Motors, wheels, battery, and the body that they push over the floor, into walls and people.
 
-use crate::world::{Point, Segment};
+use crate::world::{Circle, Point};
 
 use super::noise::{Noise, Source};
+use super::obstacles::Obstacles;
 use super::parameters::{BodyParameters, MotorParameters, SLIP_WINDOW_MS};
 
 /// Length of one integration step, in microseconds. Steps begin at its multiples, so cutting a run
@@ -12,8 +13,8 @@ pub(super) const STEP_US: u64 = 1_000;
 /// The same in seconds.
 const STEP_S: f64 = STEP_US as f64 / 1e6;
 
-/// A touch ends when the body is this far from all walls, in metres; less would count one scrape
-/// many times.
+/// A touch ends when the body is this far from all walls and people, in metres; less would count
+/// one scrape many times.
 const CONTACT_END_M: f64 = 0.005;
 
 /// Where the body is and which way it looks.
@@ -72,7 +73,7 @@ impl Wheel {
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
     body: BodyParameters,
-    walls: Vec<Segment>,
+    pub obstacles: Obstacles,
     pub pose: BodyPose,
     pub left: Wheel,
     pub right: Wheel,
@@ -81,8 +82,8 @@ pub(super) struct Drive {
     pub battery_v: f64,
     /// Part of the way to its goal that a motor's speed goes in one step.
     approach: f64,
-    /// No wall is nearer to the centre than this, in metres. Saves looking at all walls in most
-    /// steps.
+    /// No wall and no person is nearer to the centre than this, in metres. Saves looking at all of
+    /// them in most steps.
     clearance_m: f64,
     pub in_contact: bool,
     pub collisions: u32,
@@ -92,10 +93,10 @@ pub(super) struct Drive {
 }
 
 impl Drive {
-    pub fn new(body: BodyParameters, walls: Vec<Segment>, pose: BodyPose) -> Self {
+    pub fn new(body: BodyParameters, obstacles: Obstacles, pose: BodyPose) -> Self {
         Self {
             body,
-            walls,
+            obstacles,
             pose,
             left: Wheel::default(),
             right: Wheel::default(),
@@ -111,16 +112,6 @@ impl Drive {
         }
     }
 
-    /// Distance from `point` to the nearest wall, in metres.
-    pub fn distance_to_walls_m(&self, point: Point) -> f64 {
-        let squared_m2 = self
-            .walls
-            .iter()
-            .map(|wall| wall.squared_distance_m2(point))
-            .fold(f64::INFINITY, f64::min);
-        libm::sqrt(squared_m2)
-    }
-
     /// One step of [`STEP_US`]; `index` counts them from 0.
     pub fn step(&mut self, index: u64, noise: &Noise) {
         self.turn_wheels();
@@ -134,6 +125,7 @@ impl Drive {
             wheel.grip(self.body.wheel_radius_m, slip, grip.acceleration_m_per_s2);
         }
         self.move_body();
+        self.let_people_pass((index + 1) * STEP_US);
     }
 
     fn turn_wheels(&mut self) {
@@ -174,8 +166,21 @@ impl Drive {
         }
     }
 
+    /// People step in and away at the end of a step, in microseconds of plant time. Nobody who
+    /// steps in touches the body: this is no collision, and it holds nothing.
+    fn let_people_pass(&mut self, time_us: u64) {
+        let body = Circle {
+            centre: self.pose.position,
+            radius_m: self.body.radius_m,
+        };
+        if self.obstacles.update(time_us, body, CONTACT_END_M) {
+            // What is near has to be looked at anew.
+            self.clearance_m = 0.0;
+        }
+    }
+
     /// Whether the body fits at `goal`, which is `way_m` away. One step is far shorter than the
-    /// body's radius, so no wall fits in between.
+    /// body's radius, so neither wall nor person fits in between.
     fn is_free(&mut self, goal: Point, way_m: f64) -> bool {
         let radius_m = self.body.radius_m;
         let clearance_m = self.clearance_m - way_m;
@@ -183,7 +188,7 @@ impl Drive {
             self.clearance_m = clearance_m;
             return true;
         }
-        let distance_m = self.distance_to_walls_m(goal);
+        let distance_m = self.obstacles.distance_m(goal);
         if distance_m < radius_m {
             return false;
         }

@@ -1,7 +1,8 @@
 //! The plant: a simulated robot's body in a [`World`], seen through its pins.
 //!
 //! Differential drive with lagging, unequal motors and slipping wheels, encoders, a ring of sonars,
-//! a sagging battery, walls that stop the body, sensors that tell a dark line from a light floor.
+//! a sagging battery, walls and people that stop the body, sensors that tell a dark line from a
+//! light floor.
 //! Emulated board and host board drive this same model, by the messages of `rt_firmware::body`.
 //!
 //! **Deterministic to the bit.** Time is an integer; integration steps begin at fixed instants
@@ -13,7 +14,7 @@
 //! | ADC input | reads |
 //! |---|---|
 //! | 0 | the battery through its divider |
-//! | 1 | a bumper: full scale while the body touches a wall, else 0 |
+//! | 1 | a bumper: full scale while the body touches a wall or a person, else 0 |
 //! | 2 | the current that the battery gives, full scale at 4 A |
 //! | 3 | auxiliary output 0 looped back: full scale while it is high, else 0 |
 //! | 4, 5, 6 | the floor's darkness under the left, middle and right line sensor |
@@ -21,6 +22,7 @@
 mod drive;
 mod floor;
 mod noise;
+mod obstacles;
 mod parameters;
 mod recorded;
 mod sonar;
@@ -40,8 +42,9 @@ pub use recorded::{RecordedRanges, TableError};
 pub use sonar::{PATIENCE_US, Pulse, SonarFault};
 pub use statistics::{PathSample, Statistics};
 
-use crate::world::World;
+use crate::world::{Person, World};
 use drive::{Drive, STEP_US};
+use obstacles::Obstacles;
 use recorded::Feed;
 use sonar::Sonars;
 
@@ -64,6 +67,21 @@ pub enum PlantError {
         /// The world's name.
         world: String,
         /// Distance from the start to the nearest wall, in metres.
+        distance_m: f64,
+        /// The body's radius, in metres.
+        radius_m: f64,
+    },
+    /// A person would stand where the robot starts.
+    #[error(
+        "the robot does not fit at the start of world `{world}`: the person of line {line} is {distance_m:.3} m from \
+         its centre, its radius is {radius_m:.3} m; move the person, or let the person come later, as in `from 5 s`"
+    )]
+    StartInPerson {
+        /// The world's name.
+        world: String,
+        /// The person's line of the file, from 1.
+        line: usize,
+        /// Distance from the start to the person, in metres; 0 inside.
         distance_m: f64,
         /// The body's radius, in metres.
         radius_m: f64,
@@ -103,8 +121,8 @@ impl Plant {
             position: world.start.position,
             heading_rad: world.start.heading_deg * core::f64::consts::PI / 180.0,
         };
-        let drive = Drive::new(body, world.walls.clone(), pose);
-        let distance_m = drive.distance_to_walls_m(pose.position);
+        let obstacles = Obstacles::new(&world);
+        let distance_m = obstacles.distance_to_walls_m(pose.position);
         if distance_m < body.radius_m {
             return Err(PlantError::StartInWall {
                 world: world.name,
@@ -112,6 +130,18 @@ impl Plant {
                 radius_m: body.radius_m,
             });
         }
+        for person in obstacles.people() {
+            let distance_m = person.circle.distance_m(pose.position).max(0.0);
+            if distance_m < body.radius_m {
+                return Err(PlantError::StartInPerson {
+                    world: world.name,
+                    line: person.line,
+                    distance_m,
+                    radius_m: body.radius_m,
+                });
+            }
+        }
+        let drive = Drive::new(body, obstacles, pose);
         let mut statistics = Statistics::default();
         statistics.sample(0, pose, &world);
         Ok(Self {
@@ -127,8 +157,8 @@ impl Plant {
     }
 
     /// Lets time pass until `time_us`, in microseconds of plant time; a time that has passed
-    /// changes nothing. Bodies move in whole milliseconds: in between they are where they were at
-    /// the last one.
+    /// changes nothing. Body and people move in whole milliseconds: in between they are where they
+    /// were at the last one.
     pub fn advance_to(&mut self, time_us: u64) {
         let time_us = time_us.min(self.now_us.saturating_add(ADVANCE_LIMIT_US));
         if time_us <= self.now_us {
@@ -150,8 +180,10 @@ impl Plant {
         self.drive.left.duty = share(actuators.left_duty);
         self.drive.right.duty = share(actuators.right_duty);
         self.aux_outputs = actuators.aux_outputs;
-        let (pose, walls) = (self.drive.pose, &self.world.walls);
-        (self.sonars).trigger(actuators, self.now_us, pose, walls, &self.noise);
+        let Drive {
+            pose, obstacles, ..
+        } = &self.drive;
+        (self.sonars).trigger(actuators, self.now_us, *pose, obstacles, &self.noise);
     }
 
     /// Breaks a sonar, counted counter-clockwise from the one that looks ahead, from its next ping
@@ -256,7 +288,15 @@ impl Plant {
 
     /// Distance from the body's centre to the nearest wall, in metres.
     pub fn distance_to_walls_m(&self) -> f64 {
-        self.drive.distance_to_walls_m(self.drive.pose.position)
+        let Drive {
+            pose, obstacles, ..
+        } = &self.drive;
+        obstacles.distance_to_walls_m(pose.position)
+    }
+
+    /// The people who stand there now.
+    pub fn people(&self) -> impl Iterator<Item = &Person> {
+        self.drive.obstacles.people()
     }
 
     /// Way of the body's centre since the start, in metres.
@@ -264,7 +304,7 @@ impl Plant {
         self.drive.distance_m
     }
 
-    /// How often the body ran into a wall.
+    /// How often the body ran into a wall or a person.
     pub fn collisions(&self) -> u32 {
         self.drive.collisions
     }

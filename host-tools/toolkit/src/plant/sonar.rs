@@ -7,10 +7,11 @@ use core::str::FromStr;
 use rt_firmware::body::{ARRAY_BANKS, Actuators, SONARS};
 use rt_firmware::tasks::ARRAY_SONARS;
 
-use crate::world::{Point, Segment};
+use crate::world::Point;
 
 use super::drive::BodyPose;
 use super::noise::{Noise, Source};
+use super::obstacles::Obstacles;
 use super::parameters::SonarParameters;
 use super::recorded::Feed;
 
@@ -158,7 +159,7 @@ pub(super) struct Sonars {
 struct Place<'a> {
     now_us: u64,
     pose: BodyPose,
-    walls: &'a [Segment],
+    obstacles: &'a Obstacles,
     noise: &'a Noise,
 }
 
@@ -197,13 +198,13 @@ impl Sonars {
         actuators: &Actuators,
         now_us: u64,
         pose: BodyPose,
-        walls: &[Segment],
+        obstacles: &Obstacles,
         noise: &Noise,
     ) {
         let place = Place {
             now_us,
             pose,
-            walls,
+            obstacles,
             noise,
         };
         let Self {
@@ -270,21 +271,24 @@ impl SonarParameters {
     /// Time to the echo of a ping that is sent now, if one will be heard.
     fn echo_us(&self, sonar: u8, heading_rad: f64, ping: u64, place: &Place<'_>) -> Option<u64> {
         let Place {
-            pose, walls, noise, ..
+            pose,
+            obstacles,
+            noise,
+            ..
         } = place;
         if noise.uniform(Source::Miss { sonar }, ping) < self.miss_probability {
             return None;
         }
         let heading_rad = pose.heading_rad + heading_rad;
-        let true_range_m = self.range_m(pose.position, heading_rad, walls)?;
+        let true_range_m = self.range_m(pose.position, heading_rad, obstacles)?;
         let deviation_m = self.noise_m + self.noise_part * true_range_m;
         let range_m = true_range_m + deviation_m * noise.bell(Source::Range { sonar }, ping);
         let echo_us = (2e6 * range_m.max(self.min_range_m) / SOUND_M_PER_S) as u64;
         (echo_us < LONGEST_ECHO_US).then_some(echo_us)
     }
 
-    /// The nearest wall in the beam, in metres from the rim.
-    fn range_m(&self, centre: Point, heading_rad: f64, walls: &[Segment]) -> Option<f64> {
+    /// The nearest wall or person in the beam, in metres from the rim.
+    fn range_m(&self, centre: Point, heading_rad: f64, obstacles: &Obstacles) -> Option<f64> {
         let (sin, cos) = libm::sincos(heading_rad);
         let rim = Point::new(centre.x_m + self.rim_m * cos, centre.y_m + self.rim_m * sin);
         let ray_step_rad = 2.0 * self.half_beam_rad / f64::from(RAYS - 1);
@@ -292,17 +296,15 @@ impl SonarParameters {
             .filter_map(|ray| {
                 let angle_rad = heading_rad - self.half_beam_rad + f64::from(ray) * ray_step_rad;
                 let (sin, cos) = libm::sincos(angle_rad);
-                self.ray_range_m(rim, Point::new(cos, sin), walls)
+                self.ray_range_m(rim, Point::new(cos, sin), obstacles)
             })
             .reduce(f64::min)
     }
 
-    /// How far a ray goes before a wall sends it back; `None` if none does.
-    fn ray_range_m(&self, origin: Point, direction: Point, walls: &[Segment]) -> Option<f64> {
-        walls
-            .iter()
-            .filter_map(|wall| wall.hit_by_ray(origin, direction))
-            .reduce(|a, b| if b.distance_m < a.distance_m { b } else { a })
+    /// How far a ray goes before a wall or a person sends it back; `None` if none does. One rule
+    /// of incidence holds for both: what clothes scatter and swallow is left out.
+    fn ray_range_m(&self, origin: Point, direction: Point, obstacles: &Obstacles) -> Option<f64> {
+        (obstacles.hit_by_ray(origin, direction))
             .filter(|hit| hit.incidence_cos >= self.min_incidence_cos)
             .map(|hit| hit.distance_m)
             .filter(|distance_m| *distance_m <= self.max_range_m)

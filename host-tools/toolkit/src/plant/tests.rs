@@ -102,6 +102,24 @@ proptest! {
     }
 
     #[test]
+    fn the_robot_stays_out_of_all_people(legs in legs(), seed: u64, most_us in 1_u64..30_000) {
+        const PEOPLE: &str = "person 2.5,2 0.1\nperson 2,2 0.25 from 2 s\nperson 1.5,2.2 0.3 from 1 s to 4 s\n\
+             person 2,2.5 0.2 from 3 s to 6 s\nperson 2.1,1.4 0.25 from 500 ms";
+        let mut whole = Plant::new(visited(PEOPLE), BodyParameters::default(), seed).unwrap();
+        let mut cut = whole.clone();
+        for leg in legs {
+            let sensors = drive(&mut whole, &[leg], u64::MAX / 2);
+            let pose = whole.pose().position;
+            for person in whole.people() {
+                prop_assert!(person.circle.distance_m(pose) >= whole.body().radius_m, "{person:?}");
+            }
+            prop_assert_eq!(sensors, drive(&mut cut, &[leg], most_us.max(300)));
+        }
+        prop_assert_eq!(whole.pose(), cut.pose());
+        prop_assert_eq!(whole.collisions(), cut.collisions());
+    }
+
+    #[test]
     fn no_wheel_is_faster_than_its_motor_at_full_battery(legs in legs()) {
         let mut plant = plant(shipped("office.world"));
         let body = *plant.body();
@@ -349,6 +367,116 @@ fn a_start_in_a_wall_is_refused() {
         "the robot does not fit at the start of world `tight`: the nearest wall is 0.100 m from its centre, \
          its radius is 0.120 m; move `start` away from the walls"
     );
+}
+
+/// The cell, with people: a line of the file each.
+fn visited(people: &str) -> World {
+    World::parse(&format!(
+        "world cell\nstart 2,2 0\nwall 0,0 4,0 4,4 0,4 0,0\n{people}"
+    ))
+    .unwrap()
+}
+
+#[test]
+fn people_step_in_and_away_at_their_times() {
+    let people = "person 1,1 0.2\nperson 1,3 0.2 from 1 s\nperson 3,3 0.2 from 1500 ms to 2 s\nperson 3,1 0.2 to 1 s";
+    let mut plant = plant(visited(people));
+    for (time_us, standing) in [
+        (0, &[4, 7][..]),
+        (999_999, &[4, 7]),
+        (1_000_000, &[4, 5]),
+        (1_499_000, &[4, 5]),
+        (1_500_000, &[4, 5, 6]),
+        (1_999_999, &[4, 5, 6]),
+        (2_000_000, &[4, 5]),
+        (90_000_000, &[4, 5]),
+    ] {
+        while plant.now_us() < time_us {
+            plant.advance_to(time_us);
+        }
+        let lines: Vec<usize> = plant.people().map(|person| person.line).collect();
+        assert_eq!(lines, standing, "at {time_us}");
+    }
+}
+
+#[test]
+fn sonars_see_a_person_while_one_stands_there() {
+    // Ahead 1.89 m to the wall; 0.64 m to the person, whose nearest point is straight ahead.
+    let mut plant = plant(visited("person 3,2 0.25 from 100 ms to 200 ms"));
+    let (near_us, far_us) = (3_600..=3_860, 10_700..=11_300);
+    for (time_us, expected_us) in [(0, &far_us), (100_000, &near_us), (200_000, &far_us)] {
+        plant.advance_to(time_us);
+        plant.apply(&ALL_SONARS);
+        plant.advance_to(time_us + ANSWERED_US);
+        let echo_us = plant.sensors().echo_us;
+        assert!(expected_us.contains(&echo_us[0]), "{time_us}: {echo_us:?}");
+        assert!(far_us.contains(&echo_us[4]), "behind: {echo_us:?}");
+    }
+}
+
+#[test]
+fn a_person_stops_the_robot_and_counts_once_until_gone() {
+    let mut plant = plant(visited("person 3,2 0.25 from 100 ms to 10 s"));
+    let on = |time_us| (time_us, duties(600, 600));
+    drive(&mut plant, &[on(8_000_000)], 20_000);
+    assert_eq!(plant.collisions(), 1);
+    assert!(plant.hardest_collision_m_per_s() > 0.2);
+    let nearest_m = |plant: &Plant| {
+        let centre = plant.pose().position;
+        let from_m = plant
+            .people()
+            .map(|person| person.circle.distance_m(centre));
+        from_m.fold(f64::INFINITY, f64::min)
+    };
+    assert!(
+        (nearest_m(&plant) - 0.12).abs() < 0.001,
+        "{}",
+        nearest_m(&plant)
+    );
+    assert_eq!(plant.sensors().adc_counts[1], ADC_FULL_SCALE, "the bumper");
+    // The person goes, and the robot drives on into the wall.
+    drive(&mut plant, &[on(2_100_000)], 20_000);
+    assert_eq!(plant.sensors().adc_counts[1], 0, "nobody is touched");
+    drive(&mut plant, &[on(8_000_000)], 20_000);
+    assert_eq!(plant.collisions(), 2);
+    assert!((plant.distance_to_walls_m() - 0.12).abs() < 0.001);
+}
+
+#[test]
+fn nobody_steps_in_where_the_robot_is_before_it_has_left() {
+    let people = "person 1.9,2 0.25 from 1 s\nperson 2,2 0.25 from 1 s to 2 s";
+    let mut plant = plant(visited(people));
+    let stand = (3_000_000, duties(0, 0));
+    drive(&mut plant, &[stand], 20_000);
+    assert_eq!(plant.people().count(), 0, "there is no room");
+    let away = (2_000_000, duties(500, 500));
+    drive(&mut plant, &[away], 20_000);
+    let lines: Vec<usize> = plant.people().map(|person| person.line).collect();
+    assert_eq!(lines, [4], "the other one's time is over");
+    assert_eq!(plant.collisions(), 0, "and it drove off freely");
+    let back = (4_000_000, duties(-500, -500));
+    drive(&mut plant, &[back], 20_000);
+    assert_eq!(plant.collisions(), 1, "now that person is in the way");
+}
+
+#[test]
+fn a_start_where_a_person_stands_is_refused() {
+    for (person, expected) in [
+        ("person 2.3,2 0.25", Some("0.050 m")),
+        ("person 2,2 0.25 to 5 s", Some("0.000 m")),
+        ("person 2,2 0.25 from 1 us", None),
+        ("person 2.38,2 0.25", None),
+    ] {
+        let plant = Plant::new(visited(person), BodyParameters::default(), 1);
+        let error = plant.err().map(|error| error.to_string());
+        let expected = expected.map(|distance| {
+            format!(
+                "the robot does not fit at the start of world `cell`: the person of line 4 is {distance} from its \
+                 centre, its radius is 0.120 m; move the person, or let the person come later, as in `from 5 s`"
+            )
+        });
+        assert_eq!(error, expected, "{person}");
+    }
 }
 
 #[test]

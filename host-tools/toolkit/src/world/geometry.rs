@@ -1,5 +1,5 @@
-//! Plane geometry of worlds: points, wall segments, outlines. Lengths in metres, `f64`, `libm`
-//! only.
+//! Plane geometry of worlds: points, wall segments, circles, outlines. Lengths in metres, `f64`,
+//! `libm` only.
 
 /// A point of the plane, in metres.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -32,13 +32,22 @@ pub struct Segment {
     pub to: Point,
 }
 
-/// Where a ray meets a wall.
+/// A circle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Circle {
+    /// Its centre.
+    pub centre: Point,
+    /// Its radius, in metres; above 0.
+    pub radius_m: f64,
+}
+
+/// Where a ray meets a wall or a circle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// Distance from the ray's origin, in metres.
     pub distance_m: f64,
-    /// Cosine of the angle between the ray and the wall's normal: 1 for a ray straight at the wall,
-    /// 0 for one along it.
+    /// Cosine of the angle between the ray and the normal of what it meets: 1 for a ray straight at
+    /// it, 0 for one along it.
     pub incidence_cos: f64,
 }
 
@@ -72,6 +81,31 @@ impl Segment {
         Some(Hit {
             distance_m,
             incidence_cos: cross.abs() / length_m,
+        })
+    }
+}
+
+impl Circle {
+    /// Distance from `point` to the circle, in metres; negative inside.
+    pub fn distance_m(&self, point: Point) -> f64 {
+        libm::sqrt(self.centre.squared_distance_m2(point)) - self.radius_m
+    }
+
+    /// Where the ray from `origin` along the unit vector `direction` meets the circle from outside,
+    /// if it does.
+    pub fn hit_by_ray(&self, origin: Point, direction: Point) -> Option<Hit> {
+        let (x_m, y_m) = (self.centre.x_m - origin.x_m, self.centre.y_m - origin.y_m);
+        let along_m = x_m * direction.x_m + y_m * direction.y_m;
+        let aside_m = direction.x_m * y_m - direction.y_m * x_m;
+        let half_chord_m2 = self.radius_m * self.radius_m - aside_m * aside_m;
+        if half_chord_m2 < 0.0 {
+            return None;
+        }
+        let half_chord_m = libm::sqrt(half_chord_m2);
+        let distance_m = along_m - half_chord_m;
+        (distance_m >= 0.0).then_some(Hit {
+            distance_m,
+            incidence_cos: half_chord_m / self.radius_m,
         })
     }
 }
@@ -134,6 +168,60 @@ mod tests {
                 }
                 (None, None) => {}
                 _ => panic!("{direction:?}: {hit:?}, expected {expected:?}"),
+            }
+        }
+    }
+
+    const PILLAR: Circle = Circle {
+        centre: Point::new(3.0, 0.0),
+        radius_m: 1.0,
+    };
+
+    #[test]
+    fn distance_to_a_circle_is_negative_inside() {
+        for (point, expected_m) in [
+            (Point::new(0.0, 0.0), 2.0),
+            (Point::new(6.0, 4.0), 4.0),
+            (Point::new(2.0, 0.0), 0.0),
+            (Point::new(3.0, 0.0), -1.0),
+        ] {
+            assert_eq!(PILLAR.distance_m(point), expected_m, "{point:?}");
+        }
+    }
+
+    #[test]
+    fn a_ray_hits_the_near_side_of_a_circle() {
+        let ahead = Point::new(1.0, 0.0);
+        for (origin, direction, expected) in [
+            (Point::new(0.0, 0.0), ahead, Some((2.0, 1.0))),
+            (Point::new(0.0, 0.6), ahead, Some((2.2, 0.8))),
+            (Point::new(0.0, -0.8), ahead, Some((2.4, 0.6))),
+            (Point::new(0.0, 1.0), ahead, Some((3.0, 0.0))),
+            (Point::new(0.0, 1.001), ahead, None),
+            (Point::new(0.0, 0.0), Point::new(-1.0, 0.0), None),
+            (Point::new(0.0, 0.0), Point::new(0.0, 1.0), None),
+            (
+                Point::new(6.0, 4.0),
+                Point::new(-0.6, -0.8),
+                Some((4.0, 1.0)),
+            ),
+            (Point::new(5.0, 0.0), ahead, None),
+            (Point::new(3.0, 0.0), ahead, None),
+        ] {
+            let hit = PILLAR.hit_by_ray(origin, direction);
+            match (hit, expected) {
+                (Some(hit), Some((distance_m, incidence_cos))) => {
+                    assert!(
+                        (hit.distance_m - distance_m).abs() < 1e-12,
+                        "{origin:?} {hit:?}"
+                    );
+                    assert!(
+                        (hit.incidence_cos - incidence_cos).abs() < 1e-12,
+                        "{origin:?} {hit:?}"
+                    );
+                }
+                (None, None) => {}
+                _ => panic!("{origin:?} {direction:?}: {hit:?}, expected {expected:?}"),
             }
         }
     }

@@ -1,5 +1,5 @@
-//! Worlds: the walls around the robot, the rooms they make, the lines on their floors, and where
-//! the robot starts.
+//! Worlds: the walls around the robot, the rooms they make, the lines on their floors, the people
+//! who step in and away, and where the robot starts.
 //!
 //! A world is a text file, one entry a line; `#` starts a comment. Lengths are metres, x to the
 //! right and y to the top of the map; angles are degrees, counter-clockwise from x.
@@ -10,16 +10,20 @@
 //! wall 0,0 3,0 3,3 0,3 0,0          # a line of walls through two points or more
 //! room cell 0,0 3,0 3,3 0,3         # a named area, three corners or more; walls are not drawn by it
 //! line 0.02 1,1 2,1 2,2             # a dark line on the light floor: its width, then two points or more
+//! person 2,1 0.25 from 5 s to 9 s   # somebody who stands in the way: centre, radius, when
 //! ```
 //!
-//! Rooms give names to places and count what the robot has visited; where two overlap, the first in
-//! the file counts.
+//! A person without `from` stands there from the start, one without `to` stays. Rooms give
+//! names to places and count what the robot has visited; where two overlap, the first in the file
+//! counts.
 
 mod geometry;
 
 use std::path::PathBuf;
 
-pub use geometry::{Hit, Point, Segment, is_inside};
+use crate::scenario::time::{Time, TimeError};
+
+pub use geometry::{Circle, Hit, Point, Segment, is_inside};
 
 /// The farthest from the origin that a coordinate may be, in metres: keeps sums of squares far from
 /// any loss of precision.
@@ -33,6 +37,12 @@ pub const LINE_LIMIT: usize = 4_096;
 
 /// How wide a line may be, in metres: wider than a hair, narrower than the robot.
 pub const LINE_WIDTH_M: core::ops::RangeInclusive<f64> = 0.001..=0.2;
+
+/// The largest radius of a person, in metres: arms spread out.
+pub const PERSON_RADIUS_LIMIT_M: f64 = 1.0;
+
+/// The most people of a world: each ray of each ping looks at all who stand there.
+pub const PERSON_LIMIT: usize = 256;
 
 /// The most rooms of a world.
 pub const ROOM_LIMIT: usize = 256;
@@ -50,6 +60,8 @@ pub struct World {
     pub rooms: Vec<Room>,
     /// All pieces of the lines on the floor.
     pub lines: Vec<LinePiece>,
+    /// All people, in the order of the file.
+    pub people: Vec<Person>,
 }
 
 /// A straight piece of a dark line on the floor; its ends are round.
@@ -59,6 +71,27 @@ pub struct LinePiece {
     pub middle: Segment,
     /// From one edge to the other, in metres.
     pub width_m: f64,
+}
+
+/// A person: a round obstacle that stands at a place for a time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Person {
+    /// What of the floor the person takes.
+    pub circle: Circle,
+    /// When the person steps in, in microseconds of robot time; 0 for one who stands there at the
+    /// start.
+    pub from_us: u64,
+    /// When the person steps away, later than `from_us`; none for one who stays.
+    pub to_us: Option<u64>,
+    /// The person's line of the file, from 1.
+    pub line: usize,
+}
+
+impl Person {
+    /// Whether the person is to stand there at a time, in microseconds.
+    pub fn is_due_at(&self, time_us: u64) -> bool {
+        self.from_us <= time_us && self.to_us.is_none_or(|to_us| time_us < to_us)
+    }
 }
 
 /// Where the robot's centre is at the start, and which way it looks.
@@ -118,9 +151,9 @@ pub enum WorldError {
 /// What is wrong with a line of a world file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LineError {
-    /// The line's first word is none of the five.
+    /// The line's first word is none of the six.
     #[error(
-        "`{word}` starts no entry; a line starts with `world`, `start`, `wall`, `room` or `line`"
+        "`{word}` starts no entry; a line starts with `world`, `start`, `wall`, `room`, `line` or `person`"
     )]
     UnknownEntry {
         /// The word.
@@ -158,6 +191,28 @@ pub enum LineError {
         /// The word.
         word: String,
     },
+    /// A word is not a person's radius.
+    #[error("`{word}` is no radius of a person; write metres above 0, at most 1")]
+    Radius {
+        /// The word.
+        word: String,
+    },
+    /// What stands behind `from` or `to` is not a time.
+    #[error("`{words}` is no time of a person: {cause}")]
+    Time {
+        /// What stands there.
+        words: String,
+        /// What is wrong with it.
+        cause: TimeError,
+    },
+    /// A person is to step away before stepping in, or at the same time.
+    #[error("the person steps in at {from}, but away at {to}; write a later time behind `to`")]
+    NeverThere {
+        /// When the person steps in.
+        from: Time,
+        /// When the person steps away.
+        to: Time,
+    },
     /// Two points of a wall or line in a row are the same.
     #[error("a {entry} from a point to itself; remove one of the two points")]
     NoLength {
@@ -170,7 +225,7 @@ pub enum LineError {
         /// The name.
         name: String,
     },
-    /// More walls, rooms or pieces of lines than a world may have.
+    /// More walls, rooms, people or pieces of lines than a world may have.
     #[error("more than {limit} of them in one world; make the world simpler")]
     TooMany {
         /// The limit.
@@ -183,6 +238,7 @@ const START_FORM: &str = "start X,Y HEADING_DEG";
 const WALL_FORM: &str = "wall X,Y X,Y …";
 const ROOM_FORM: &str = "room NAME X,Y X,Y X,Y …";
 const LINE_FORM: &str = "line WIDTH X,Y X,Y …";
+const PERSON_FORM: &str = "person X,Y RADIUS [from TIME] [to TIME]";
 
 impl World {
     /// Checks a world in its text form.
@@ -199,11 +255,8 @@ impl World {
     /// ```
     pub fn parse(text: &str) -> Result<Self, WorldError> {
         let mut draft = Draft::default();
-        for (index, line) in text.lines().enumerate() {
-            draft.add(line).map_err(|cause| WorldError::Line {
-                line: index + 1,
-                cause,
-            })?;
+        for (line, entry) in (1..).zip(text.lines()) {
+            (draft.add(line, entry)).map_err(|cause| WorldError::Line { line, cause })?;
         }
         draft.finish()
     }
@@ -215,7 +268,7 @@ impl World {
             .find(|room| is_inside(&room.outline, point))
     }
 
-    /// The rectangle around walls, rooms, lines and start.
+    /// The rectangle around walls, rooms, lines, people and start.
     pub fn bounds(&self) -> Bounds {
         let lines = self.lines.iter().map(|line| &line.middle);
         let ends = (self.walls.iter().chain(lines)).flat_map(|piece| [piece.from, piece.to]);
@@ -223,8 +276,12 @@ impl World {
             .rooms
             .iter()
             .flat_map(|room| room.outline.iter().copied());
+        let people = self.people.iter().flat_map(|person| {
+            let Circle { centre, radius_m } = person.circle;
+            [-radius_m, radius_m].map(|off_m| Point::new(centre.x_m + off_m, centre.y_m + off_m))
+        });
         let start = self.start.position;
-        ends.chain(corners).fold(
+        ends.chain(corners).chain(people).fold(
             Bounds {
                 min: start,
                 max: start,
@@ -245,11 +302,12 @@ struct Draft {
     walls: Vec<Segment>,
     rooms: Vec<Room>,
     lines: Vec<LinePiece>,
+    people: Vec<Person>,
 }
 
 impl Draft {
-    fn add(&mut self, line: &str) -> Result<(), LineError> {
-        let entry = line.split('#').next().unwrap_or_default();
+    fn add(&mut self, line: usize, text: &str) -> Result<(), LineError> {
+        let entry = text.split('#').next().unwrap_or_default();
         let mut words = entry.split_whitespace();
         let Some(keyword) = words.next() else {
             return Ok(());
@@ -261,6 +319,7 @@ impl Draft {
             "wall" => self.add_wall(&words),
             "room" => self.add_room(&words),
             "line" => self.add_line(&words),
+            "person" => self.add_person(line, &words),
             _ => Err(LineError::UnknownEntry {
                 word: keyword.to_owned(),
             }),
@@ -327,6 +386,33 @@ impl Draft {
         limited(self.rooms.len(), ROOM_LIMIT)
     }
 
+    fn add_person(&mut self, line: usize, words: &[&str]) -> Result<(), LineError> {
+        let form = LineError::Form { form: PERSON_FORM };
+        let [centre, radius, rest @ ..] = words else {
+            return Err(form);
+        };
+        let circle = Circle {
+            centre: point(centre)?,
+            radius_m: radius_m(radius)?,
+        };
+        let (from, rest) = time_behind("from", rest)?;
+        let (to, rest) = time_behind("to", rest)?;
+        if !rest.is_empty() {
+            return Err(form);
+        }
+        let from = from.unwrap_or(Time { us: 0 });
+        if let Some(to) = to.filter(|to| *to <= from) {
+            return Err(LineError::NeverThere { from, to });
+        }
+        self.people.push(Person {
+            circle,
+            from_us: from.us,
+            to_us: to.map(|to| to.us),
+            line,
+        });
+        limited(self.people.len(), PERSON_LIMIT)
+    }
+
     fn finish(self) -> Result<World, WorldError> {
         let missing = |entry| WorldError::Missing { entry };
         if self.walls.is_empty() {
@@ -338,6 +424,7 @@ impl Draft {
             walls: self.walls,
             rooms: self.rooms,
             lines: self.lines,
+            people: self.people,
         })
     }
 }
@@ -395,6 +482,40 @@ fn width_m(word: &str) -> Result<f64, LineError> {
     }
 }
 
+fn radius_m(word: &str) -> Result<f64, LineError> {
+    match word.parse::<f64>() {
+        Ok(radius_m) if radius_m > 0.0 && radius_m <= PERSON_RADIUS_LIMIT_M => Ok(radius_m),
+        _ => Err(LineError::Radius {
+            word: word.to_owned(),
+        }),
+    }
+}
+
+/// The time behind `keyword`, in one word or two, and the words behind it. No time where the words
+/// do not begin with it.
+fn time_behind<'a, 'b>(
+    keyword: &str,
+    words: &'a [&'b str],
+) -> Result<(Option<Time>, &'a [&'b str]), LineError> {
+    let (number, rest) = match words {
+        [first, number, rest @ ..] if *first == keyword => (*number, rest),
+        [first] if *first == keyword => return Err(LineError::Form { form: PERSON_FORM }),
+        _ => return Ok((None, words)),
+    };
+    let (words, rest) = match rest {
+        [unit, rest @ ..]
+            if *unit != "to" && number.ends_with(|end: char| end.is_ascii_digit()) =>
+        {
+            (format!("{number} {unit}"), rest)
+        }
+        _ => (number.to_owned(), rest),
+    };
+    match words.parse() {
+        Ok(time) => Ok((Some(time), rest)),
+        Err(cause) => Err(LineError::Time { words, cause }),
+    }
+}
+
 fn angle_deg(word: &str) -> Result<f64, LineError> {
     match word.parse::<f64>() {
         Ok(angle_deg) if angle_deg.abs() <= 360.0 => Ok(angle_deg),
@@ -417,6 +538,10 @@ wall 1,1 2,1
 room west 0,0 1.5,0 1.5,3 0,3
 room all 0,0 3,0 3,3 0,3
 line 0.02 1,2 2,2 2,3.5
+person 2,1 0.25
+person 2,1 0.3 from 5 s
+person 2,1 0.3 to 9s   # a comment
+person 2.75,1 0.5 from 1500 ms to 9 s
 ";
 
     #[test]
@@ -443,9 +568,30 @@ line 0.02 1,2 2,2 2,3.5
             world.bounds(),
             Bounds {
                 min: Point::new(0.0, 0.0),
-                max: Point::new(3.0, 3.5),
+                max: Point::new(3.25, 3.5),
             }
         );
+        let times = (world.people.iter()).map(|person| (person.line, person.from_us, person.to_us));
+        assert_eq!(
+            times.collect::<Vec<_>>(),
+            [
+                (9, 0, None),
+                (10, 5_000_000, None),
+                (11, 0, Some(9_000_000)),
+                (12, 1_500_000, Some(9_000_000)),
+            ]
+        );
+        let last = world.people[3];
+        assert_eq!(last.circle.centre, Point::new(2.75, 1.0));
+        assert_eq!(last.circle.radius_m, 0.5);
+        for (time_us, is_due) in [
+            (1_499_999, false),
+            (1_500_000, true),
+            (8_999_999, true),
+            (9_000_000, false),
+        ] {
+            assert_eq!(last.is_due_at(time_us), is_due, "{time_us}");
+        }
     }
 
     #[test]
@@ -453,7 +599,7 @@ line 0.02 1,2 2,2 2,3.5
         for (text, expected) in [
             (
                 "wal 0,0 1,1",
-                "line 1: `wal` starts no entry; a line starts with `world`, `start`, `wall`, `room` or `line`",
+                "line 1: `wal` starts no entry; a line starts with `world`, `start`, `wall`, `room`, `line` or `person`",
             ),
             ("world a b", "line 1: expected `world NAME`"),
             (
@@ -501,6 +647,63 @@ line 0.02 1,2 2,2 2,3.5
                 "line 1: a line from a point to itself; remove one of the two points",
             ),
             (
+                "person 1,1",
+                "line 1: expected `person X,Y RADIUS [from TIME] [to TIME]`",
+            ),
+            (
+                "\nperson 1 0.25",
+                "line 2: `1` is no point; write `X,Y` in metres, without blanks, at most 1000 m from the origin",
+            ),
+            (
+                "person 1,1 0",
+                "line 1: `0` is no radius of a person; write metres above 0, at most 1",
+            ),
+            (
+                "person 1,1 -0.1",
+                "line 1: `-0.1` is no radius of a person; write metres above 0, at most 1",
+            ),
+            (
+                "person 1,1 NaN",
+                "line 1: `NaN` is no radius of a person; write metres above 0, at most 1",
+            ),
+            (
+                "person 1,1 25",
+                "line 1: `25` is no radius of a person; write metres above 0, at most 1",
+            ),
+            (
+                "person 1,1 0.25 from",
+                "line 1: expected `person X,Y RADIUS [from TIME] [to TIME]`",
+            ),
+            (
+                "person 1,1 0.25 from 5 to 9 s",
+                "line 1: `5` is no time of a person: \
+                 the unit is missing: write `us`, `ms` or `s` behind the number, as in `200 ms`",
+            ),
+            (
+                "person 1,1 0.25 from 5 min",
+                "line 1: `5 min` is no time of a person: the unit of a time is `us`, `ms` or `s`, as in `200 ms`",
+            ),
+            (
+                "person 1,1 0.25 to noon",
+                "line 1: `noon` is no time of a person: a time starts with a whole number, as in `200 ms`",
+            ),
+            (
+                "person 1,1 0.25 from 5 s until 9 s",
+                "line 1: expected `person X,Y RADIUS [from TIME] [to TIME]`",
+            ),
+            (
+                "person 1,1 0.25 to 9 s from 5 s",
+                "line 1: expected `person X,Y RADIUS [from TIME] [to TIME]`",
+            ),
+            (
+                "person 1,1 0.25 from 9 s to 5 s",
+                "line 1: the person steps in at 9 s, but away at 5 s; write a later time behind `to`",
+            ),
+            (
+                "person 1,1 0.25 to 0 s",
+                "line 1: the person steps in at 0 s, but away at 0 s; write a later time behind `to`",
+            ),
+            (
                 "room a 0,0 1,0",
                 "line 1: expected `room NAME X,Y X,Y X,Y …`",
             ),
@@ -527,12 +730,17 @@ line 0.02 1,2 2,2 2,3.5
     }
 
     #[test]
-    fn a_world_has_at_most_so_many_walls_and_pieces_of_lines() {
+    fn a_world_has_at_most_so_many_walls_pieces_of_lines_and_people() {
         for (entry, limit) in [("wall", WALL_LIMIT), ("line 0.02", LINE_LIMIT)] {
             let corners: Vec<String> = (0..=limit + 1).map(|i| format!("{},0", i % 2)).collect();
             let text = format!("{entry} {}", corners.join(" "));
             let error = World::parse(&text).unwrap_err().to_string();
             assert!(error.contains("more than 4096"), "{error}");
         }
+        let error = World::parse(&"person 1,1 0.25\n".repeat(PERSON_LIMIT + 1)).unwrap_err();
+        assert!(
+            error.to_string().contains("line 257: more than 256"),
+            "{error}"
+        );
     }
 }

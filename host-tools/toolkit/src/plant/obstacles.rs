@@ -1,0 +1,80 @@
+//! Obstacles: the walls of a world, and those of its people who stand there now.
+
+use crate::world::{Circle, Hit, Person, Point, Segment, World};
+
+/// What stops the body, and what sonars hear.
+#[derive(Clone, Debug)]
+pub(super) struct Obstacles {
+    walls: Vec<Segment>,
+    people: Vec<Visitor>,
+}
+
+/// A person, and whether that person stands there.
+#[derive(Clone, Copy, Debug)]
+struct Visitor {
+    person: Person,
+    stands: bool,
+}
+
+impl Obstacles {
+    /// The obstacles of a world at time 0.
+    pub fn new(world: &World) -> Self {
+        let visitor = |person: &Person| Visitor {
+            person: *person,
+            stands: person.is_due_at(0),
+        };
+        Self {
+            walls: world.walls.clone(),
+            people: world.people.iter().map(visitor).collect(),
+        }
+    }
+
+    /// The people who stand there now.
+    pub fn people(&self) -> impl Iterator<Item = &Person> {
+        let standing = self.people.iter().filter(|visitor| visitor.stands);
+        standing.map(|visitor| &visitor.person)
+    }
+
+    /// Distance from `point` to the nearest wall, in metres.
+    pub fn distance_to_walls_m(&self, point: Point) -> f64 {
+        let squared_m2 = self
+            .walls
+            .iter()
+            .map(|wall| wall.squared_distance_m2(point))
+            .fold(f64::INFINITY, f64::min);
+        libm::sqrt(squared_m2)
+    }
+
+    /// Distance from `point` to the nearest wall or person, in metres; negative inside a person.
+    pub fn distance_m(&self, point: Point) -> f64 {
+        (self.people())
+            .map(|person| person.circle.distance_m(point))
+            .fold(self.distance_to_walls_m(point), f64::min)
+    }
+
+    /// The first wall or person that the ray from `origin` along the unit vector `direction` meets.
+    pub fn hit_by_ray(&self, origin: Point, direction: Point) -> Option<Hit> {
+        let walls = self.walls.iter();
+        let walls = walls.filter_map(|wall| wall.hit_by_ray(origin, direction));
+        let people = self.people();
+        let people = people.filter_map(|person| person.circle.hit_by_ray(origin, direction));
+        (walls.chain(people)).reduce(|a, b| if b.distance_m < a.distance_m { b } else { a })
+    }
+
+    /// Lets people step in and away at a time, in microseconds. Who is to step in where the body is
+    /// waits, and steps in as soon as more than `gap_m` is free between the two.
+    /// Returns whether anybody has stepped in or away.
+    pub fn update(&mut self, time_us: u64, body: Circle, gap_m: f64) -> bool {
+        let mut changed = false;
+        for Visitor { person, stands } in &mut self.people {
+            let has_room = || {
+                let between_m = person.circle.distance_m(body.centre) - body.radius_m;
+                between_m > gap_m
+            };
+            let stands_now = person.is_due_at(time_us) && (*stands || has_room());
+            changed |= *stands != stands_now;
+            *stands = stands_now;
+        }
+        changed
+    }
+}
