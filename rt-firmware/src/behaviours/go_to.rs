@@ -1,6 +1,7 @@
 //! Drives to a point.
 
-use super::{Behaviour, BehaviourList, Control, Scene};
+use super::law::{Behaviour, Control, Scene};
+use super::list::BehaviourList;
 use crate::behaviour;
 use crate::ports::Io;
 use crate::tasks::{Pose, Ranges, Twist};

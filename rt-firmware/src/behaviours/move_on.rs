@@ -1,6 +1,7 @@
 //! Moves at reference speeds where there is room.
 
-use super::{Behaviour, BehaviourList, Control, Scene};
+use super::law::{Behaviour, Control, Scene};
+use super::list::BehaviourList;
 use crate::behaviour;
 use crate::ports::Io;
 use crate::tasks::{Pose, Ranges, Sector, Twist};

@@ -1,9 +1,9 @@
 //! What a task does that is a behaviour.
 
+use super::law::{Behaviour, Control, Scene};
 use super::life_cycle::LifeState;
 use super::list::{BehaviourList, Key};
 use super::situation::{OutsideRange, Reaction, SafetyCheck, Situation};
-use super::{Behaviour, Control, Scene};
 use crate::odometry::LocalFrame;
 use crate::ports::Io;
 use crate::task::{OptIn, OptInOut, OutFlag, Param, Step};

@@ -1,8 +1,10 @@
 //! Turns to a heading.
 
-#![allow(clippy::approx_constant)] // parameters are written as in a mission, which has no names for angles
+// Parameters are written as in a mission, which has no names for angles.
+#![allow(clippy::approx_constant)]
 
-use super::{Behaviour, BehaviourList, Control, Scene};
+use super::law::{Behaviour, Control, Scene};
+use super::list::BehaviourList;
 use crate::behaviour;
 use crate::odometry::wrapped_rad;
 use crate::ports::Io;

@@ -59,7 +59,8 @@ impl Task for DriveDistance {
             *io.write(Self::TWIST) = Twist::STILL;
             return Step::Run;
         };
-        let line = self.line.get_or_insert_with(|| Track::from_pose(pose));
+        let line = self.line.unwrap_or_else(|| Track::from_pose(pose));
+        self.line = Some(line);
         let seen = line.locate(pose);
         let distance_m = io.param(Self::DISTANCE_M);
         let left_m = distance_m - seen.along_m;

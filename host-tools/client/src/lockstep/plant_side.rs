@@ -98,8 +98,8 @@ impl PlantSide {
         self.lock().breaks = breaks;
     }
 
-    /// Lets the sonars measure what was recorded. Where that ends, the time of interest does, unless
-    /// it ends before.
+    /// Lets the sonars measure what was recorded. Where that ends, the time of interest does,
+    /// unless it ends before.
     pub fn measure_from(&self, ranges: RecordedRanges) {
         self.lock().plant.measure_from(ranges);
     }

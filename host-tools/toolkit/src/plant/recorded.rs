@@ -133,8 +133,8 @@ impl RecordedRanges {
     }
 }
 
-/// Recorded ranges on their way to the sonars. A row lasts until a sonar pings that has pinged in it
-/// before.
+/// Recorded ranges on their way to the sonars. A row lasts until a sonar pings that has pinged in
+/// it before.
 #[derive(Clone, Debug)]
 pub(super) struct Feed {
     ranges: RecordedRanges,

@@ -1,0 +1,38 @@
+//! What a control law sees and says.
+
+use crate::ports::Io;
+use crate::tasks::{Pose, Ranges, Twist};
+
+/// What a behaviour sees when it is to say how the robot moves.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene<'a> {
+    /// Where the robot is in the behaviour's local frame.
+    pub pose: Pose,
+    /// What is around the robot; none where nobody knows.
+    pub ranges: Option<&'a Ranges>,
+    /// Time between two looks, in microseconds.
+    pub period_us: u32,
+}
+
+/// What a behaviour says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Control {
+    /// Move like this.
+    Move(Twist),
+    /// The goal is reached.
+    Done,
+    /// The goal cannot be reached.
+    Failed,
+}
+
+/// A control law.
+pub trait Behaviour: Send {
+    /// The centre of its local frame: the robot's pose when the behaviour comes onto the list,
+    /// unless the law says otherwise.
+    fn centre(&self, start: Pose, _io: &Io<'_>) -> Pose {
+        start
+    }
+
+    /// Says how to move now. Called in each activation of its slot, while it executes.
+    fn control(&mut self, scene: &Scene<'_>, io: &Io<'_>) -> Control;
+}
