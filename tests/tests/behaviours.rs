@@ -42,3 +42,25 @@ fn a_firmware_without_behaviours_says_which_task_it_lacks() {
     let lacks = "its firmware lacks the task `Move`";
     assert!(said.err.contains(lacks), "{}", said.err);
 }
+
+#[test]
+fn a_firmware_tells_its_behaviours_and_their_parameters() {
+    let told = esm(&["behaviours", "--board", "host", "--json"]).good().json();
+    let behaviours = told["behaviours"].as_array().unwrap();
+    let names: Vec<&str> = (behaviours.iter())
+        .map(|behaviour| behaviour["name"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["Move", "TurnTo", "GoTo"]);
+    let angle = &behaviours[1]["params"][0];
+    assert_eq!(angle["name"], "angle_rad");
+    assert_eq!(angle["type"], "f32");
+    let has = |key: &str, value: f64| (angle[key].as_f64().unwrap() - value).abs() < 1e-4;
+    assert!(has("default", 1.5708) && has("min", -3.1416) && has("max", 3.1416));
+    for behaviour in behaviours {
+        assert!(!behaviour["docs"].as_str().unwrap().is_empty());
+        let params = behaviour["params"].as_array().unwrap();
+        assert!(params.iter().any(|param| param["name"] == "outside_m"));
+    }
+    let words = esm(&["behaviours", "--board", "host"]).good().out;
+    assert!(words.contains("TurnTo\n") && words.contains("angle_rad"), "{words}");
+}

@@ -17,6 +17,7 @@
 //! | [`terminal`] | the screen of a terminal, for the commands that take it |
 
 pub mod argument;
+pub mod behaviours;
 pub mod blackbox;
 pub mod board;
 pub mod bound;
@@ -145,6 +146,7 @@ pub enum Command {
     Start(start::StartArgs),
     Key(key::KeyArgs),
     Tasks(tasks::TasksArgs),
+    Behaviours(behaviours::BehavioursArgs),
 }
 
 /// Runs the command with the arguments and the streams of this process. The board `host` has the
@@ -238,6 +240,7 @@ pub fn execute(
         Command::Start(args) => start::execute(args, console),
         Command::Key(args) => key::execute(args, console),
         Command::Tasks(args) => tasks::execute(args, robot, console),
+        Command::Behaviours(args) => behaviours::execute(args, robot, console),
     }
 }
 

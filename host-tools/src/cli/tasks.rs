@@ -50,6 +50,14 @@ pub struct TasksArgs {
     #[arg(long, value_name = "FOLDER")]
     pub page: Option<PathBuf>,
 
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub asked: AskedArgs,
+}
+
+/// Whose declarations are wanted.
+#[derive(Debug, Args)]
+pub struct AskedArgs {
     /// Where the robot is: a serial line, unix:PATH or tcp:HOST:PORT
     #[arg(long, value_name = "PORT", conflicts_with = "board")]
     pub port: Option<Port>,
@@ -88,7 +96,7 @@ pub fn execute(
     if let Some(output) = &args.output {
         keep_other_text(output)?;
     }
-    let (text, origin) = declarations(args, robot, console)?;
+    let (text, origin) = declarations(&args.asked, robot, console)?;
     if args.page.is_none() {
         let [begins, ends] = MARK;
         let text = format!("{begins}{origin}{ends}\n{text}");
@@ -139,8 +147,11 @@ fn is_ours(bytes: &[u8]) -> bool {
 }
 
 /// What a robot declares, and which robot it is.
-fn declarations(
-    args: &TasksArgs,
+///
+/// # Errors
+/// If there is no such robot, or it does not say.
+pub fn declarations(
+    args: &AskedArgs,
     robot: RobotMaker,
     console: &mut Console,
 ) -> Result<(String, String), CommandError> {
