@@ -45,7 +45,9 @@ fn a_firmware_without_behaviours_says_which_task_it_lacks() {
 
 #[test]
 fn a_firmware_tells_its_behaviours_and_their_parameters() {
-    let told = esm(&["behaviours", "--board", "host", "--json"]).good().json();
+    let told = esm(&["behaviours", "--board", "host", "--json"])
+        .good()
+        .json();
     let behaviours = told["behaviours"].as_array().unwrap();
     let names: Vec<&str> = (behaviours.iter())
         .map(|behaviour| behaviour["name"].as_str().unwrap())
@@ -62,5 +64,8 @@ fn a_firmware_tells_its_behaviours_and_their_parameters() {
         assert!(params.iter().any(|param| param["name"] == "outside_m"));
     }
     let words = esm(&["behaviours", "--board", "host"]).good().out;
-    assert!(words.contains("TurnTo\n") && words.contains("angle_rad"), "{words}");
+    assert!(
+        words.contains("TurnTo\n") && words.contains("angle_rad"),
+        "{words}"
+    );
 }

@@ -237,9 +237,9 @@ mod tests {
     #[test]
     fn the_time_of_interest_ends_a_row_after_recorded_ranges() {
         for (asked_us, end_us) in [
-            (None, Some(160_000)),
+            (None, Some(120_000)),
             (Some(90_000), Some(90_000)),
-            (Some(900_000), Some(160_000)),
+            (Some(900_000), Some(120_000)),
         ] {
             let plant = corridor(asked_us);
             plant.measure_from(RecordedRanges::parse("1,1\n2,2").expect("a table"));
@@ -248,7 +248,7 @@ mod tests {
                 request.effect_us = request.start_us;
                 request.actuators.sonar_triggers = 0b11;
                 plant.exchange(&request);
-                let known = if sequence < 3 { asked_us } else { end_us };
+                let known = if sequence < 2 { asked_us } else { end_us };
                 assert_eq!(plant.until_us(), known, "after {sequence}");
             }
         }
