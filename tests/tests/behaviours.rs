@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::Path;
 
 use esm_tests::command::{esm, firmware_with_behaviours};
@@ -57,7 +58,7 @@ fn a_firmware_tells_its_behaviours_and_their_parameters() {
     assert_eq!(angle["name"], "angle_rad");
     assert_eq!(angle["type"], "f32");
     let has = |key: &str, value: f64| (angle[key].as_f64().unwrap() - value).abs() < 1e-4;
-    assert!(has("default", 1.5708) && has("min", -3.1416) && has("max", 3.1416));
+    assert!(has("default", FRAC_PI_2) && has("min", -PI) && has("max", PI));
     for behaviour in behaviours {
         assert!(!behaviour["docs"].as_str().unwrap().is_empty());
         let params = behaviour["params"].as_array().unwrap();
