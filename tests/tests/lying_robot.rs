@@ -62,6 +62,7 @@ const COMMANDS: &[(&str, bool)] = &[
     ("status", false),
     ("status --json", false),
     ("tasks", false),
+    ("behaviours", false),
     ("log --firmware ELF", true),
     ("log --firmware ELF --news 1s", true),
     ("top --once", false),
@@ -111,7 +112,8 @@ impl Write for Kept {
 /// Lets a command find its robot at this port.
 fn give_port(command: &mut Command, port: Port) {
     let robot = match command {
-        Command::Tasks(args) => return args.port = Some(port),
+        Command::Tasks(args) => return args.asked.port = Some(port),
+        Command::Behaviours(args) => return args.asked.port = Some(port),
         Command::Key(args) => match &mut args.action {
             KeyAction::Show(args) => return args.port = Some(port),
             KeyAction::Install(args) => &mut args.robot,
@@ -177,7 +179,7 @@ impl Setting {
             })
             .collect();
         words.insert(0, "esm".to_owned());
-        let has_key = !matches!(words[1].as_str(), "tasks")
+        let has_key = !matches!(words[1].as_str(), "tasks" | "behaviours")
             && !matches!(words[1..], [ref key, ref what, ..] if key == "key" && what != "remove");
         words.extend(["--port".to_owned(), "none".to_owned()]);
         if has_key && names_key {

@@ -171,7 +171,7 @@ fn table(report: &Report<'_>) -> String {
                 let _ = write!(range, ", {min} to {max}");
             }
             let docs = param.docs.lines().collect::<Vec<_>>().join(" ");
-            let _ = writeln!(text, "    {:<16} {range:<28} {docs}", param.name);
+            let _ = writeln!(text, "    {:<16} {range:<34} {docs}", param.name);
         }
     }
     text
