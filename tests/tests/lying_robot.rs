@@ -57,12 +57,14 @@ const LONGEST_TRIAL: Duration = Duration::from_secs(11);
 /// little longer.
 const EARLIER_TRIAL: Duration = Duration::from_secs(TRIAL_S as u64 + 10);
 
-/// Commands, and whether they go on until Ctrl-C. `MISSION`, `KEY`, `OTHER` and `ELF` are files.
+/// Commands, and whether they go on until Ctrl-C. `MISSION`, `KEY`, `OTHER`, `ELF` and `MCAP` are
+/// files.
 const COMMANDS: &[(&str, bool)] = &[
     ("status", false),
     ("status --json", false),
     ("tasks", false),
     ("behaviours", false),
+    ("record -o MCAP", true),
     ("log --firmware ELF", true),
     ("log --firmware ELF --news 1s", true),
     ("top --once", false),
@@ -125,6 +127,7 @@ fn give_port(command: &mut Command, port: Port) {
             ParamAction::Set(args) => &mut args.robot,
             ParamAction::Save(args) => &mut args.robot,
         },
+        Command::Record(args) => &mut args.robot,
         Command::Status(args) => &mut args.robot,
         Command::Log(args) => &mut args.robot,
         Command::Top(args) => &mut args.robot,
@@ -174,6 +177,7 @@ impl Setting {
                 "MISSION" => file("mission.blob"),
                 "OTHER" => file("other"),
                 "ELF" => file("elf"),
+                "MCAP" => file("drive.mcap"),
                 "PARAMETER" => self.parameter.clone(),
                 word => word.to_owned(),
             })
