@@ -131,7 +131,7 @@ fn a_saved_parameter_is_there_after_the_watchdog_has_reset_the_board() {
     let text = "interpreter slot 1; slot 1 period 20 ms duration 2 ms; slot 2 period 20 ms duration 4 ms;
          task Overrun slot 2 { param duration_us: u32 = 20000 min 0 max 250000; }
          task NeverReturn slot 2 {}
-         machine M { region r { state Quiet timeout 1 s; task Fatal: NeverReturn; initial -> Quiet; Quiet -> Fatal [timeout]; }
+         machine M { region r { state Quiet timeout 10 s; task Fatal: NeverReturn; initial -> Quiet; Quiet -> Fatal [timeout]; }
              region s { state Before timeout 60 s; task A: Overrun with { duration_us = 10 }; initial -> Before; Before -> A [timeout]; } }";
     std::fs::write(&mission, text).unwrap();
     let robot = Robot::start("lm3s6965", Some(&firmware("faults")));
@@ -141,6 +141,8 @@ fn a_saved_parameter_is_there_after_the_watchdog_has_reset_the_board() {
     robot.esm(&["param", "set", "s/A.duration_us", "20"]).good();
     robot.esm(&["param", "save"]).good();
     robot.esm(&["start"]).good();
+    // It hangs again after each start, and is refused after three: ten seconds before each give a
+    // busy machine the time to look in between.
     let status = robot.status_when("the reset", |status| status["last_reset"] == "watchdog");
     assert_eq!(status["saved_params"], 1, "{status:#}");
     let told = param(&robot, "s/A.duration_us");
