@@ -92,9 +92,9 @@ fn drive_by(
     }
 }
 
-/// Both missions do in this world what they do on the host.
-fn same_order(world: &str, least: usize) {
-    for mission in ["patrol", "follow_wall"] {
+/// These missions do in this world what they do on the host.
+fn same_order(missions: &[&str], world: &str, least: usize) {
+    for mission in missions {
         let [chip, host] = ["pico", "host"].map(|board| drive(board, mission, world, RUN_S, "15s"));
         let order = |driven: &Driven| -> Vec<String> {
             let steps = driven.transitions.iter();
@@ -120,12 +120,17 @@ fn same_order(world: &str, least: usize) {
 
 #[test]
 fn missions_do_in_the_office_what_they_do_on_the_host() {
-    same_order("office", 20);
+    same_order(&["patrol", "follow_wall"], "office", 20);
 }
 
 #[test]
 fn missions_do_in_the_corridor_what_they_do_on_the_host() {
-    same_order("corridor", 10);
+    same_order(&["patrol", "follow_wall"], "corridor", 10);
+}
+
+#[test]
+fn behaviours_do_what_they_do_on_the_host() {
+    same_order(&["guard"], "office", 8);
 }
 
 /// Bridges with a direction, an encoder that counts backwards, two sonars: all of it is said in the
