@@ -72,3 +72,60 @@ impl Behaviour for GoToLaw {
         twist.map_or(Control::Done, Control::Move)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MOST_M_PER_S: f32 = 0.25;
+
+    #[test]
+    fn it_turns_on_the_spot_drives_towards_its_point_and_slows_down() {
+        for (ahead_m, left_m, expected) in [
+            (1.0, 0.0, Some((0.25, 0.0))),
+            (0.1, 0.0, Some((0.1, 0.0))),
+            (0.04, 0.0, Some((0.05, 0.0))),
+            (1.0, 0.25, Some((0.25, 0.5))),
+            (1.0, -0.9, Some((0.25, -1.0))),
+            (0.5, 0.6, Some((0.0, 1.0))),
+            (-1.0, -0.1, Some((0.0, -1.0))),
+            (0.02, -0.02, None),
+        ] {
+            let twist = GoToLaw::twist(ahead_m, left_m, MOST_M_PER_S);
+            let twist = twist.map(|twist| (twist.forward_m_per_s, twist.turn_rad_per_s));
+            assert_eq!(twist, expected, "{ahead_m}, {left_m}");
+        }
+    }
+
+    #[test]
+    fn an_ideal_robot_ends_at_its_point_wherever_that_is() {
+        const PERIOD_S: f32 = 0.02;
+        for (x_m, y_m) in [
+            (1.0, 0.0),
+            (0.5, 0.5),
+            (-1.0, 0.3),
+            (0.0, -2.0),
+            (-0.4, 0.0),
+        ] {
+            let goal = Pose {
+                x_m,
+                y_m,
+                heading_rad: 0.0,
+            };
+            let mut pose = Pose::START;
+            let mut steps = 0;
+            loop {
+                let seen = pose.to_local(goal);
+                let Some(twist) = GoToLaw::twist(seen.x_m, seen.y_m, MOST_M_PER_S) else {
+                    break;
+                };
+                pose = (pose.translate(twist.forward_m_per_s * PERIOD_S, 0.0))
+                    .rotate(twist.turn_rad_per_s * PERIOD_S);
+                steps += 1;
+                assert!(steps < 1_000, "{x_m}, {y_m}: {pose:?}");
+            }
+            let (off_x_m, off_y_m) = (pose.x_m - x_m, pose.y_m - y_m);
+            assert!(off_x_m * off_x_m + off_y_m * off_y_m < REACHED_M * REACHED_M);
+        }
+    }
+}

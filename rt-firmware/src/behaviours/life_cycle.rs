@@ -34,15 +34,6 @@ pub enum Cause {
 }
 
 impl LifeState {
-    /// All states.
-    pub const ALL: [Self; 5] = [
-        Self::Initial,
-        Self::Execute,
-        Self::Suspend,
-        Self::Resume,
-        Self::Destroy,
-    ];
-
     /// The state after this cause; none where the cause changes nothing in this state.
     pub const fn after(self, cause: Cause) -> Option<Self> {
         match (self, cause) {

@@ -95,11 +95,12 @@ impl<B: Behaviour + Default> Runner<B> {
 impl Place {
     // Apart from the law, so that it is there once for all laws.
     fn step(&mut self, io: &mut Io<'_>, ports: &Ports, law: &mut dyn Behaviour) -> Step {
-        let Some(pose) = io.try_read(ports.pose).copied() else {
-            // Nobody knows where its local frame is to be, or where the robot is in it.
-            return self.stand(io, ports);
-        };
+        // Without a pose nobody knows where its local frame is to be, or where the robot is in it.
+        let pose = io.try_read(ports.pose).copied();
         if self.is_new {
+            let Some(pose) = pose else {
+                return Step::Run;
+            };
             let centre = law.centre(pose, io);
             if let Some(step) = self.come(io, ports, centre) {
                 return step;
@@ -109,6 +110,9 @@ impl Place {
         if role != Role::Executes {
             return self.wait(io, ports, role);
         }
+        let Some(pose) = pose else {
+            return Step::Run;
+        };
         let scene = Scene {
             pose: self.centre.see(pose),
             ranges: io.try_read(ports.ranges),
@@ -116,16 +120,6 @@ impl Place {
         };
         let control = law.control(&scene, io);
         self.obey(io, ports, &scene, control)
-    }
-
-    fn stand(&mut self, io: &mut Io<'_>, ports: &Ports) -> Step {
-        if !self.is_new {
-            let role = self.role(io, ports);
-            if role != Role::Executes {
-                return self.wait(io, ports, role);
-            }
-        }
-        Step::Run
     }
 
     /// Comes onto the list. Returns the end of the step where it has not.
