@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::axis;
 use super::font::{self, Weight};
+use super::palette::{GRID, INK, QUIET_INK};
 use super::scene::{Anchor, Colour, Scene, Stroke, words};
 use super::timeline::{EDGE, PLOT_WIDTH};
 
@@ -137,9 +138,6 @@ const KEY_ENTRIES: usize = 9;
 /// Room above and below the curves, as part of the panel.
 const MARGIN: f32 = 0.06;
 
-const INK: Colour = Colour::opaque(0x1d232b);
-const QUIET_INK: Colour = Colour::opaque(0x5c6672);
-const GRID: Colour = Colour::opaque(0xe6e9ed);
 const ZERO: Colour = Colour::opaque(0xb9bfc8);
 /// Dark enough for lines on white, apart from one another also for eyes that see fewer colours.
 const CURVES: [Colour; 8] = [

@@ -24,6 +24,7 @@ pub mod axis;
 mod curves;
 mod drive;
 pub mod font;
+mod palette;
 mod path;
 mod png;
 mod recorder;

@@ -5,6 +5,7 @@ use super::font::{self, Weight};
 use crate::duration;
 use crate::world::{self, World};
 
+use super::palette::{GRID, INK, PAPER, QUIET_INK};
 use super::scene::{Anchor, Colour, Point, Scene, Shape, Stroke, Text, words};
 
 /// A map and what a robot did on it. Lengths are in metres, x to the right, y upwards.
@@ -115,11 +116,7 @@ const TIME_MARKS_MOST: usize = 10;
 /// Points of the path nearer than this to the last one drawn are left out.
 const POINT_DISTANCE_LEAST: f32 = 0.6;
 
-const INK: Colour = Colour::opaque(0x1d232b);
-const QUIET_INK: Colour = Colour::opaque(0x5c6672);
 const WALL: Colour = Colour::opaque(0x343b45);
-const GRID: Colour = Colour::opaque(0xe6e9ed);
-const PAPER: Colour = Colour::opaque(0xffffff);
 /// Dark enough to be a line, light enough for a path to show on it.
 const FLOOR_LINE: Colour = Colour::opaque(0xb9bfc8);
 /// A line never gets too thin to be seen.

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use super::axis;
 use super::font::{self, Weight};
+use super::palette::{GRID, INK, QUIET_INK};
 use super::scene::{Anchor, Colour, Scene, Stroke, words};
 
 /// The states of one run, mission after mission.
@@ -82,9 +83,6 @@ const STROKE_WIDTH: f32 = 1.5;
 /// Blocks narrower than this are shown together as one of many changes.
 const BLOCK_WIDTH_LEAST: f32 = 0.8;
 
-const INK: Colour = Colour::opaque(0x1d232b);
-const QUIET_INK: Colour = Colour::opaque(0x5c6672);
-const GRID: Colour = Colour::opaque(0xe6e9ed);
 const BAND: Colour = Colour::opaque(0xf6f7f9);
 const MARK: Colour = Colour::opaque(0xc81e2b);
 const PSEUDO: Colour = Colour::opaque(0xd9dee5);

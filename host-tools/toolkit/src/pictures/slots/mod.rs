@@ -12,6 +12,7 @@ use std::collections::BTreeMap;
 
 use super::axis::{self, Unit};
 use super::font::{self, Weight};
+use super::palette::{INK, PAPER, QUIET_INK};
 use super::scene::{Anchor, Colour, Scene, Stroke, words};
 use crate::timetable::{Activation, Extent, Gap, Timetable, Window, gaps};
 
@@ -53,11 +54,8 @@ const HEADING: f32 = 14.0;
 const TEXT: f32 = 12.0;
 const SMALL: f32 = 11.0;
 
-const INK: Colour = Colour::opaque(0x1d232b);
-const QUIET_INK: Colour = Colour::opaque(0x5c6672);
 const GRID: Colour = Colour::opaque(0xd3d8de);
 const BAND: Colour = Colour::opaque(0xf6f7f9);
-const PAPER: Colour = Colour::opaque(0xffffff);
 /// What is free, everywhere in the picture.
 const FREE: Colour = Colour::opaque(0xd9dee4);
 /// Several slots of different periods that are too narrow to be told apart.
