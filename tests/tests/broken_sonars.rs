@@ -4,15 +4,11 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use esm_tests::command::root;
-use esm_tests::subject;
+use esm_tests::host_drive;
 use host_tools::files::load_world;
-use host_tools::host_board;
 use host_tools::lockstep::plant_side::SonarBreak;
 use host_tools::plant::SonarFault;
-use host_tools::run::board::{Board, LinkWay};
-use host_tools::run::drive::{self, Plan, Planned};
-use host_tools::run::interrupt::Interrupt;
-use host_tools::run::mission::Mission;
+use host_tools::run::drive::Plan;
 use rt_firmware::body::SONARS;
 use serde_json::Value;
 
@@ -79,25 +75,13 @@ struct Ended {
 
 impl Subject {
     fn driven(&self, sonar_breaks: Vec<SonarBreak>) -> Ended {
-        let file = root().join(self.mission);
-        let blob = subject::build_file(&file).unwrap().blob;
-        let verified = esm_core::verify(blob).unwrap();
         let world = format!("missions/worlds/{}.world", self.world);
-        let plan = Plan {
+        let world = load_world(&root().join(world)).unwrap();
+        let run = host_drive::driven(Plan {
             until_us: Some(RUN_S * 1_000_000),
             sonar_breaks,
-            link: LinkWay::Exchange,
-            ..Plan::new(
-                Board::Host {
-                    robot: host_board::rover,
-                },
-                load_world(&root().join(world)).unwrap(),
-                vec![Planned::first(Mission::new(&file, verified).unwrap())],
-            )
-        };
-        let interrupt = Interrupt::take_over().unwrap();
-        let run = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();
-        assert!(run.summary.fault.is_none(), "{}", self.mission);
+            ..host_drive::plan(&root().join(self.mission), world)
+        });
         let later = |t_us: u64| t_us >= (BREAK_S + 2) * 1_000_000;
         let path = run.plant.statistics().path();
         let pieces = path.iter().zip(&path[1..]);

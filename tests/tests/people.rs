@@ -3,13 +3,9 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use esm_tests::command::root;
-use esm_tests::subject;
-use host_tools::host_board;
+use esm_tests::host_drive;
 use host_tools::plant::{PathSample, Plant};
-use host_tools::run::board::{Board, LinkWay};
-use host_tools::run::drive::{self, Plan, Planned};
-use host_tools::run::interrupt::Interrupt;
-use host_tools::run::mission::Mission;
+use host_tools::run::drive::Plan;
 use host_tools::world::{Person, World};
 use serde_json::Value;
 
@@ -82,24 +78,11 @@ fn visitors() -> String {
 }
 
 fn guarded(world: World, seed: u64) -> Guarded {
-    let file = root().join("missions/guard.esm");
-    let blob = subject::build_file(&file).unwrap().blob;
-    let mission = Mission::new(&file, esm_core::verify(blob).unwrap()).unwrap();
-    let plan = Plan {
+    let run = host_drive::driven(Plan {
         seed,
         until_us: Some(UNTIL_US),
-        link: LinkWay::Exchange,
-        ..Plan::new(
-            Board::Host {
-                robot: host_board::rover,
-            },
-            world,
-            vec![Planned::first(mission)],
-        )
-    };
-    let interrupt = Interrupt::take_over().unwrap();
-    let run = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();
-    assert!(run.summary.fault.is_none());
+        ..host_drive::plan(&root().join("missions/guard.esm"), world)
+    });
     Guarded {
         plant: run.plant,
         trace: String::from_utf8(run.told.out).unwrap(),

@@ -5,14 +5,10 @@
 use std::path::{Path, PathBuf};
 
 use esm_tests::command::root;
-use esm_tests::subject;
-use host_tools::host_board;
+use esm_tests::host_drive;
 use host_tools::lang;
 use host_tools::plant::Plant;
-use host_tools::run::board::{Board, LinkWay};
-use host_tools::run::drive::{self, Plan, Planned};
-use host_tools::run::interrupt::Interrupt;
-use host_tools::run::mission::Mission;
+use host_tools::run::drive::Plan;
 use host_tools::world::{StartPose, World};
 
 /// How far from its start the robot may be at the end.
@@ -48,23 +44,11 @@ fn shipped() -> PathBuf {
 }
 
 fn driven(file: &Path, world: World, seed: u64) -> Ended {
-    let blob = subject::build_file(file).unwrap().blob;
-    let mission = Mission::new(file, esm_core::verify(blob).unwrap()).unwrap();
-    let plan = Plan {
+    let run = host_drive::driven(Plan {
         seed,
         until_us: Some(32_000_000),
-        link: LinkWay::Exchange,
-        ..Plan::new(
-            Board::Host {
-                robot: host_board::rover,
-            },
-            world,
-            vec![Planned::first(mission)],
-        )
-    };
-    let interrupt = Interrupt::take_over().unwrap();
-    let run = drive::drive(plan, Vec::new(), interrupt, &mut |_| ()).unwrap();
-    assert!(run.summary.fault.is_none());
+        ..host_drive::plan(file, world)
+    });
     Ended {
         plant: run.plant,
         finished_s: run.summary.finished_s,
