@@ -743,6 +743,11 @@ impl<'a> Io<'a> {
         };
     }
 
+    /// The bits of all parameters.
+    pub(crate) fn param_bits(&self) -> &[u32; MAX_PARAMS] {
+        &self.state.inputs.params
+    }
+
     /// The value of a parameter.
     pub fn param<P: ParamType>(&self, param: Param<P>) -> P {
         P::from_bits(

@@ -1,9 +1,8 @@
 //! Drives to a point.
 
-use super::law::{Behaviour, Control, Scene};
+use super::law::{Behaviour, Control, Params, Scene};
 use super::list::BehaviourList;
 use crate::behaviour;
-use crate::ports::Io;
 use crate::tasks::{Pose, Ranges, Twist};
 
 /// Nearer than this to its point the robot is there, in metres.
@@ -61,14 +60,14 @@ impl GoToLaw {
 }
 
 impl Behaviour for GoToLaw {
-    fn control(&mut self, scene: &Scene<'_>, io: &Io<'_>) -> Control {
+    fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {
         let goal = Pose {
-            x_m: io.param(GoTo::X_M),
-            y_m: io.param(GoTo::Y_M),
+            x_m: params.get(GoTo::X_M),
+            y_m: params.get(GoTo::Y_M),
             heading_rad: 0.0,
         };
         let seen = scene.pose.to_local(goal);
-        let twist = Self::twist(seen.x_m, seen.y_m, io.param(GoTo::SPEED_M_PER_S));
+        let twist = Self::twist(seen.x_m, seen.y_m, params.get(GoTo::SPEED_M_PER_S));
         twist.map_or(Control::Done, Control::Move)
     }
 }

@@ -11,9 +11,8 @@
 //!
 //! ```
 //! use rt_firmware::behaviour;
-//! use rt_firmware::behaviours::{Behaviour, BehaviourList, Control, Scene};
+//! use rt_firmware::behaviours::{Behaviour, BehaviourList, Control, Params, Scene};
 //! use rt_firmware::tasks::{Pose, Ranges, Twist};
-//! use rt_firmware::Io;
 //!
 //! /// Drives ahead until something is nearer than a metre.
 //! #[derive(Debug, Default)]
@@ -31,12 +30,12 @@
 //! }
 //!
 //! impl Behaviour for ApproachLaw {
-//!     fn control(&mut self, scene: &Scene<'_>, io: &Io<'_>) -> Control {
+//!     fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {
 //!         if scene.ranges.is_none_or(|ranges| ranges.ahead_m() < 1.0) {
 //!             return Control::Done;
 //!         }
 //!         Control::Move(Twist {
-//!             forward_m_per_s: io.param(Approach::SPEED_M_PER_S),
+//!             forward_m_per_s: params.get(Approach::SPEED_M_PER_S),
 //!             turn_rad_per_s: 0.0,
 //!         })
 //!     }
@@ -52,13 +51,14 @@ mod law;
 mod life_cycle;
 mod list;
 mod move_on;
+mod place;
 mod runner;
 pub mod situation;
 mod turn_to;
 
 pub use executive::Behaviours;
 pub use go_to::{GoTo, GoToLaw};
-pub use law::{Behaviour, Control, Scene};
+pub use law::{Behaviour, Control, Params, Scene};
 pub use life_cycle::{Cause, LifeState};
 pub use list::{BehaviourList, Key, ListFull, MAX_BEHAVIOURS, UNSEEN_LOOKS};
 pub use move_on::{Move, MoveLaw};

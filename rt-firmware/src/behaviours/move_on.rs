@@ -1,9 +1,8 @@
 //! Moves at reference speeds where there is room.
 
-use super::law::{Behaviour, Control, Scene};
+use super::law::{Behaviour, Control, Params, Scene};
 use super::list::BehaviourList;
 use crate::behaviour;
-use crate::ports::Io;
 use crate::tasks::{Pose, Ranges, Sector, Twist};
 
 /// So much room there must be on the side that the robot moves to, in metres.
@@ -46,10 +45,10 @@ impl MoveLaw {
 }
 
 impl Behaviour for MoveLaw {
-    fn control(&mut self, scene: &Scene<'_>, io: &Io<'_>) -> Control {
+    fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {
         let asked = Twist {
-            forward_m_per_s: io.param(Move::SPEED_M_PER_S),
-            turn_rad_per_s: io.param(Move::RATE_RAD_PER_S),
+            forward_m_per_s: params.get(Move::SPEED_M_PER_S),
+            turn_rad_per_s: params.get(Move::RATE_RAD_PER_S),
         };
         Control::Move(Self::twist(asked, scene.ranges))
     }

@@ -1,17 +1,11 @@
 //! What a task does that is a behaviour.
 
-use super::law::{Behaviour, Control, Scene};
-use super::life_cycle::LifeState;
-use super::list::{BehaviourList, Key};
-use super::situation::{OutsideRange, Reaction, SafetyCheck, Situation};
-use crate::odometry::LocalFrame;
+use super::law::{Behaviour, Params};
+use super::list::BehaviourList;
+use super::place::{Around, Place, Turn};
 use crate::ports::Io;
 use crate::task::{OptIn, OptInOut, OutFlag, Param, Step};
-use crate::tasks::{Pose, Ranges, Twist};
-
-/// How long the way must have been free before a suspended behaviour resumes, in microseconds: who
-/// steps aside may step back.
-const FREE_FOR_US: u32 = 500_000;
+use crate::tasks::{Pose, Ranges};
 
 /// The ports, flags and parameters that all behaviours have.
 #[derive(Clone, Copy)]
@@ -37,43 +31,6 @@ pub struct Runner<B> {
     place: Place,
 }
 
-/// Its place on the list, and in the world.
-#[derive(Debug)]
-struct Place {
-    key: Option<Key>,
-    /// It has not come onto the list since its state was entered.
-    is_new: bool,
-    centre: LocalFrame,
-    /// What it asked for when it was interrupted.
-    asked: Twist,
-    free_us: u32,
-}
-
-impl Default for Place {
-    fn default() -> Self {
-        Self {
-            key: None,
-            is_new: false,
-            centre: LocalFrame::START,
-            asked: Twist::STILL,
-            free_us: 0,
-        }
-    }
-}
-
-/// Whose turn it is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Role {
-    /// This behaviour executes.
-    Executes,
-    /// IDLE executes, and this one is next.
-    Idles,
-    /// Others are before it.
-    Waits,
-    /// It is not on the list any more.
-    Gone,
-}
-
 impl<B: Behaviour + Default> Runner<B> {
     /// A mission starts, with a list of its own.
     pub fn reset(&mut self) {
@@ -83,160 +40,46 @@ impl<B: Behaviour + Default> Runner<B> {
     /// Its state was entered anew.
     pub fn enter(&mut self) {
         self.law = B::default();
-        self.place.is_new = true;
+        self.place.begin_anew();
     }
 
     /// Takes part in the list, and in its turn says how to move.
     pub fn step(&mut self, io: &mut Io<'_>, ports: &Ports) -> Step {
-        self.place.step(io, ports, &mut self.law)
+        step(&mut self.place, io, ports, &mut self.law)
     }
 }
 
-impl Place {
-    // Apart from the law, so that it is there once for all laws.
-    fn step(&mut self, io: &mut Io<'_>, ports: &Ports, law: &mut dyn Behaviour) -> Step {
-        // Without a pose nobody knows where its local frame is to be, or where the robot is in it.
-        let pose = io.try_read(ports.pose).copied();
-        if self.is_new {
-            let Some(pose) = pose else {
-                return Step::Run;
-            };
-            let centre = law.centre(pose, io);
-            if let Some(step) = self.come(io, ports, centre) {
-                return step;
-            }
+// Apart from the law, so that it is there once for all laws.
+fn step(place: &mut Place, io: &mut Io<'_>, ports: &Ports, law: &mut dyn Behaviour) -> Step {
+    let params = Params::of(io);
+    let around = Around {
+        pose: io.try_read(ports.pose).copied(),
+        ranges: io.try_read(ports.ranges),
+        period_us: io.period_us(),
+        outside_m: params.get(ports.outside_m),
+    };
+    match place.step(io.try_update(ports.list), &around, &params, law) {
+        Turn::NotYet => Step::Run,
+        Turn::Goes { suspended } => {
+            io.set(ports.suspended, suspended);
+            Step::Run
         }
-        let role = self.role(io, ports);
-        if role != Role::Executes {
-            return self.wait(io, ports, role);
+        Turn::Ends { failed } => {
+            io.set(ports.suspended, false);
+            io.set(ports.failed, failed);
+            Step::Finished
         }
-        let Some(pose) = pose else {
-            return Step::Run;
-        };
-        let scene = Scene {
-            pose: self.centre.see(pose),
-            ranges: io.try_read(ports.ranges),
-            period_us: io.period_us(),
-        };
-        let control = law.control(&scene, io);
-        self.obey(io, ports, &scene, control)
-    }
-
-    /// Comes onto the list. Returns the end of the step where it has not.
-    fn come(&mut self, io: &mut Io<'_>, ports: &Ports, centre: Pose) -> Option<Step> {
-        // Without a list nobody executes: its owner has not begun.
-        let Some(list) = io.try_update(ports.list) else {
-            return Some(Step::Run);
-        };
-        if let Some(earlier) = self.key.take() {
-            list.end(earlier);
-        }
-        let Ok(key) = list.insert_at_tail() else {
-            io.set(ports.failed, true);
-            return Some(Step::Finished);
-        };
-        *self = Self {
-            key: Some(key),
-            is_new: false,
-            centre: LocalFrame::from(centre),
-            asked: Twist::STILL,
-            free_us: 0,
-        };
-        None
-    }
-
-    fn role(&self, io: &mut Io<'_>, ports: &Ports) -> Role {
-        let (Some(list), Some(key)) = (io.try_update(ports.list), self.key) else {
-            return Role::Gone;
-        };
-        list.see(key);
-        list.dispatch();
-        match list.state(key) {
-            None => Role::Gone,
-            Some(LifeState::Execute) => Role::Executes,
-            Some(_) if list.head() == Some(Key::IDLE) && list.second() == Some(key) => Role::Idles,
-            Some(_) => Role::Waits,
-        }
-    }
-
-    /// Does what is to do where another one executes.
-    fn wait(&mut self, io: &mut Io<'_>, ports: &Ports, role: Role) -> Step {
-        match role {
-            Role::Gone => {
-                self.key = None;
-                io.set(ports.failed, true);
-                return Step::Finished;
-            }
-            Role::Executes | Role::Waits => {}
-            Role::Idles => {
-                let ranges = io.try_read(ports.ranges);
-                let is_free = SafetyCheck::is_free(&self.asked, ranges);
-                self.free_us = if is_free {
-                    self.free_us.saturating_add(io.period_us())
-                } else {
-                    0
-                };
-                if self.free_us >= FREE_FOR_US
-                    && let Some(list) = io.try_update(ports.list)
-                {
-                    list.end(Key::IDLE);
-                }
-            }
-        }
-        io.set(ports.suspended, true);
-        Step::Run
-    }
-
-    /// Does what the law says, unless a situation is in the way.
-    fn obey(
-        &mut self,
-        io: &mut Io<'_>,
-        ports: &Ports,
-        scene: &Scene<'_>,
-        control: Control,
-    ) -> Step {
-        let outside = OutsideRange {
-            radius_m: io.param(ports.outside_m),
-        };
-        let Control::Move(twist) = control else {
-            return self.end(io, ports, control == Control::Failed);
-        };
-        let reaction = (outside.look(&scene.pose, &twist, scene.ranges))
-            .or_else(|| SafetyCheck.look(&scene.pose, &twist, scene.ranges));
-        match reaction {
-            None => {
-                if let Some(list) = io.try_update(ports.list) {
-                    list.ask(twist);
-                }
-                io.set(ports.suspended, false);
-                Step::Run
-            }
-            Some(Reaction::Cancel) => self.end(io, ports, false),
-            Some(Reaction::Suspend) => {
-                (self.asked, self.free_us) = (twist, 0);
-                if let Some(list) = io.try_update(ports.list) {
-                    list.idle();
-                }
-                self.wait(io, ports, Role::Idles)
-            }
-        }
-    }
-
-    fn end(&mut self, io: &mut Io<'_>, ports: &Ports, failed: bool) -> Step {
-        if let (Some(list), Some(key)) = (io.try_update(ports.list), self.key.take()) {
-            list.end(key);
-        }
-        io.set(ports.suspended, false);
-        io.set(ports.failed, failed);
-        Step::Finished
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::list::Key;
+    use super::super::place::FREE_FOR_US;
     use super::*;
     use crate::TaskBench;
-    use crate::behaviours::{Behaviours, Move, TurnTo};
+    use crate::behaviours::{Behaviours, LifeState, Move, TurnTo};
+    use crate::tasks::Twist;
 
     const PERIOD_US: u32 = 20_000;
 

@@ -3,11 +3,10 @@
 // Parameters are written as in a mission, which has no names for angles.
 #![allow(clippy::approx_constant)]
 
-use super::law::{Behaviour, Control, Scene};
+use super::law::{Behaviour, Control, Params, Scene};
 use super::list::BehaviourList;
 use crate::behaviour;
 use crate::odometry::wrapped_rad;
-use crate::ports::Io;
 use crate::tasks::{Pose, Ranges, Twist};
 
 /// Nearer than this is at the heading, in radians.
@@ -59,19 +58,19 @@ impl TurnToLaw {
 }
 
 impl Behaviour for TurnToLaw {
-    fn centre(&self, start: Pose, io: &Io<'_>) -> Pose {
-        let heading_rad = wrapped_rad(start.heading_rad + io.param(TurnTo::ANGLE_RAD));
+    fn centre(&self, start: Pose, params: &Params) -> Pose {
+        let heading_rad = wrapped_rad(start.heading_rad + params.get(TurnTo::ANGLE_RAD));
         Pose {
             heading_rad,
             ..start
         }
     }
 
-    fn control(&mut self, scene: &Scene<'_>, io: &Io<'_>) -> Control {
+    fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {
         match Self::rate_rad_per_s(scene.pose.heading_rad) {
             None => Control::Done,
             Some(turn_rad_per_s) => Control::Move(Twist {
-                forward_m_per_s: io.param(TurnTo::SPEED_M_PER_S),
+                forward_m_per_s: params.get(TurnTo::SPEED_M_PER_S),
                 turn_rad_per_s,
             }),
         }
