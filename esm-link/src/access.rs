@@ -75,6 +75,7 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::Param { .. }
         | Request::Clock
         | Request::Features
+        | Request::BehaviourList
         | Request::Values { .. } => Needs::Nothing,
         // They bring a proof, which is looked at, or ask for one.
         Request::Identify { .. } | Request::OpenSession { .. } | Request::Proven { .. } => {
@@ -97,6 +98,7 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::Release
         | Request::SetParam { .. }
         | Request::SaveParams { .. }
+        | Request::Behaviours(_)
         | Request::InstallKey { .. }
         | Request::RemoveKey => Needs::Key,
     }

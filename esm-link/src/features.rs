@@ -25,11 +25,13 @@ pub enum Feature {
     BlackBox = 7,
     /// Values on nets can be read.
     Telemetry = 8,
+    /// There are behaviours.
+    Behaviours = 9,
 }
 
 impl Feature {
     /// All of them, by their bits.
-    pub const ALL: [Feature; 9] = [
+    pub const ALL: [Feature; 10] = [
         Feature::Record,
         Feature::Log,
         Feature::StatusEvent,
@@ -39,6 +41,7 @@ impl Feature {
         Feature::Store,
         Feature::BlackBox,
         Feature::Telemetry,
+        Feature::Behaviours,
     ];
 
     /// What a board's crate calls it.
@@ -53,6 +56,7 @@ impl Feature {
             Feature::Store => "store",
             Feature::BlackBox => "black-box",
             Feature::Telemetry => "telemetry",
+            Feature::Behaviours => "behaviours",
         }
     }
 

@@ -43,6 +43,7 @@ macro_rules! mutant {
 }
 
 pub mod access;
+pub mod behaviours;
 pub mod black_box;
 mod credentials;
 pub mod features;

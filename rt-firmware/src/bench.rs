@@ -159,6 +159,20 @@ impl<'a> TaskBench<'a> {
         self
     }
 
+    /// What the link asks of the list of behaviours; the next step of its owner does it.
+    #[cfg(test)]
+    pub(crate) fn list_command(&mut self, command: crate::behaviours::command::ListCommand) {
+        let now_us = self.inputs.now_us;
+        let put = self.executor.behaviours().put(command, now_us);
+        put.expect("the owner has been there");
+    }
+
+    /// What came of it.
+    #[cfg(test)]
+    pub(crate) fn list_answer(&mut self) -> Option<crate::behaviours::command::Answer> {
+        self.executor.behaviours().take_answer()
+    }
+
     /// The next step is the first of a new activation; flags are cleared, as entering a task state
     /// does.
     pub fn enter_anew(&mut self) -> &mut Self {

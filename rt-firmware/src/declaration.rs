@@ -537,6 +537,24 @@ pub trait ParamType: Copy {
     fn to_bits(self) -> u32;
 }
 
+/// The parameters of a task state, or of a behaviour that a command has inserted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Params([u32; MAX_PARAMS]);
+
+impl Params {
+    /// The value of a parameter.
+    pub fn get<P: ParamType>(&self, param: Param<P>) -> P {
+        let bits = self.0.get(usize::from(param.index));
+        P::from_bits(bits.copied().unwrap_or(0))
+    }
+}
+
+impl From<[u32; MAX_PARAMS]> for Params {
+    fn from(bits: [u32; MAX_PARAMS]) -> Self {
+        Self(bits)
+    }
+}
+
 impl ParamType for bool {
     const KIND: ParamKind = ParamKind::Bool;
     fn from_bits(bits: u32) -> Self {

@@ -27,6 +27,10 @@ pub const RECORD: bool = cfg!(feature = "record");
 /// Values on nets can be read while the mission runs (feature `telemetry`).
 pub const TELEMETRY: bool = cfg!(feature = "telemetry");
 
+/// The rover has behaviours, and what stands on their list can be changed over the link (feature
+/// `behaviours`).
+pub const BEHAVIOURS: bool = cfg!(feature = "behaviours");
+
 /// From one activation to the next time is counted in 32 bits (feature `speed`). Without it, the
 /// whole clock is looked at after each activation, which takes longer and less flash.
 pub const SPEED: bool = cfg!(feature = "speed");

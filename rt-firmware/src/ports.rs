@@ -34,10 +34,11 @@ use core::any::TypeId;
 use core::cell::{Cell, UnsafeCell};
 use core::ptr::NonNull;
 
+use crate::behaviours::command::{Answer, CommandBox, ListCommand};
 pub use crate::declaration::ValueKind;
 use crate::declaration::{
     Declaration, Direction, In, InFlag, InOut, Kind, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut,
-    Out, OutFlag, Param, ParamType, PortDeclaration, PortType, Step, same_text,
+    Out, OutFlag, Param, ParamType, Params, PortDeclaration, PortType, Step, same_text,
 };
 use crate::features::{MISSIONS, WARM};
 #[cfg(feature = "telemetry")]
@@ -567,6 +568,8 @@ struct IoState {
     allowed_overruns: Option<u32>,
     failure: Option<SafeReason>,
     inputs: Inputs,
+    /// What the list of behaviours is to do.
+    behaviours: CommandBox,
 }
 
 const WRITTEN_PORTS: u32 = (1 << MAX_DATA_PORTS) - 1;
@@ -593,6 +596,7 @@ impl IoState {
             missed: 0,
             link_silent_us: 0,
         },
+        behaviours: CommandBox::EMPTY,
     };
 
     /// What the task has said.
@@ -743,9 +747,26 @@ impl<'a> Io<'a> {
         };
     }
 
-    /// The bits of all parameters.
-    pub(crate) fn param_bits(&self) -> &[u32; MAX_PARAMS] {
-        &self.state.inputs.params
+    /// All parameters.
+    pub fn params(&self) -> Params {
+        Params::from(self.state.inputs.params)
+    }
+
+    /// Nominal start of the activation on the robot's clock, in microseconds; of slot 0, when the
+    /// run was started.
+    pub fn robot_us(&self) -> u64 {
+        self.state.robot_us
+    }
+
+    /// What the list of behaviours is to do, if something is. Who asks is its owner, and is known
+    /// to be there from now on.
+    pub(crate) fn take_list_command(&mut self) -> Option<ListCommand> {
+        self.state.behaviours.take(self.state.robot_us)
+    }
+
+    /// What came of it.
+    pub(crate) fn answer_list_command(&mut self, answer: Answer) {
+        self.state.behaviours.answer(answer);
     }
 
     /// The value of a parameter.
@@ -1366,6 +1387,11 @@ impl<'m> Executor<'m> {
     /// Nominal start of the activation that [began](Self::begin), on the robot's clock.
     pub(crate) fn robot_us(&self) -> u64 {
         self.state.robot_us
+    }
+
+    /// What the list of behaviours is to do.
+    pub(crate) fn behaviours(&mut self) -> &mut CommandBox {
+        &mut self.state.behaviours
     }
 
     /// What enters the next execution beside the values on nets.

@@ -76,4 +76,6 @@ pub enum Capacity {
     /// Entries of the table of what a mission has in common with the one that it is to take over
     /// from warm: two for each of the [words](Capacities::arena_words).
     Pairs,
+    /// Steps of a script.
+    ScriptSteps,
 }

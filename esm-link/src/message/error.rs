@@ -164,4 +164,18 @@ pub enum LinkError {
     },
     /// A stop came while [`Request::Start`] was under way: the robot stands still.
     StopCame,
+    /// No task `Behaviours` executes: the mission that runs has none, or the robot is stopped.
+    NoBehaviours,
+    /// The firmware has no behaviour with this signature, or `Behaviours` cannot run it.
+    NotABehaviour,
+    /// The list of behaviours has no room.
+    ListFull,
+    /// No behaviour of this key is on the list.
+    NotOnList,
+    /// There is no script to do this with, or not all of its steps are there.
+    NoScript,
+    /// A situation is none, or its value is no number or negative.
+    NoSituation,
+    /// A movement by hand is no number, or faster than it may be.
+    TooFast,
 }

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::behaviours::BehaviourRequest;
 use crate::credentials::{NONCE_BYTES, PROOF_BYTES};
 
 #[cfg(doc)]
@@ -224,6 +225,11 @@ pub enum Request<'a> {
         /// The request as it is serialized, without a number.
         request: &'a [u8],
     },
+    /// What stands on the list of behaviours, and how is the script? Answer:
+    /// [`Response::BehaviourList`].
+    BehaviourList,
+    /// Change the list of behaviours. Answer: as the request says.
+    Behaviours(#[serde(borrow)] BehaviourRequest<'a>),
 }
 
 impl Request<'_> {
@@ -266,6 +272,8 @@ impl Request<'_> {
             Request::Identify { .. } => 33,
             Request::OpenSession { .. } => 34,
             Request::Proven { .. } => 35,
+            Request::BehaviourList => 36,
+            Request::Behaviours(_) => 37,
         }
     }
 

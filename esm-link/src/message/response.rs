@@ -6,6 +6,7 @@ use super::counters::{SlotCounters, TaskCounters};
 use super::crash_report::CrashReport;
 use super::device_info::DeviceInfo;
 use super::status::Status;
+use crate::behaviours::ScriptStatus;
 use crate::credentials::{KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES};
 use crate::features::Features;
 
@@ -125,6 +126,19 @@ pub enum Response<'a> {
     },
     /// To [`Request::Identify`].
     Identity(Identity),
+    /// To requests that insert a behaviour.
+    Behaviour {
+        /// Names it in requests.
+        key: u16,
+    },
+    /// To [`Request::BehaviourList`].
+    BehaviourList {
+        /// How the script is.
+        script: ScriptStatus,
+        /// What stands on the list, the head first, of
+        /// [`ENTRY_BYTES`](crate::behaviours::ENTRY_BYTES) each.
+        entries: &'a [u8],
+    },
 }
 
 /// Which key a robot has.

@@ -7,6 +7,7 @@ use crate::access::{
     Access, KEY_BYTES, MAX_PROVEN_BYTES, MAX_SIGNED_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES,
     SECRET_BYTES, SIGNATURE_BYTES,
 };
+use crate::behaviours::BehaviourRequest;
 use crate::features::Features;
 use crate::frame::{MAX_FRAME_BYTES, MAX_REPLY_FRAME_BYTES, encode};
 use crate::telemetry::MAX_ASK_BYTES;
@@ -127,6 +128,8 @@ fn the_kind_of_a_request_is_its_number_in_a_message() {
             proof: bytes,
             request: &bytes,
         },
+        Request::BehaviourList,
+        Request::Behaviours(BehaviourRequest::EndDrive),
     ];
     let mut room = [0; MAX_FRAME_BYTES];
     for (request, number) in all.into_iter().zip(0..) {

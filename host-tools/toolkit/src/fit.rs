@@ -191,6 +191,8 @@ impl Shortage {
             ),
             // It is of two missions, and asked for when one takes over from the other warm.
             Capacity::Pairs => ("entries in common", "upload it without `--warm`"),
+            // Scripts are no missions.
+            Capacity::ScriptSteps => ("steps of a script", "make two of it"),
         };
         Shortage { need, what, hint }
     }
@@ -234,7 +236,9 @@ fn machine_span(model: &Model) -> Span {
 /// The declaration of the first thing for which there is no room, if one can be told.
 fn beyond(model: &Model, tables: &Tables<'_>, what: Capacity, available: usize) -> Option<Span> {
     match what {
-        Capacity::BlobBytes | Capacity::ArenaWords | Capacity::Pairs => None,
+        Capacity::BlobBytes | Capacity::ArenaWords | Capacity::Pairs | Capacity::ScriptSteps => {
+            None
+        }
         Capacity::Slots => model.slots.get(available).map(|slot| slot.span),
         Capacity::TaskInstances => {
             let place = task_instances(model).nth(available)?;

@@ -1,8 +1,9 @@
 //! Drives to a point.
 
-use super::law::{Behaviour, Control, Params, Scene};
+use super::law::{Behaviour, Control, Scene};
 use super::list::BehaviourList;
 use crate::behaviour;
+use crate::declaration::Params;
 use crate::tasks::{Pose, Ranges, Twist};
 
 /// Nearer than this to its point the robot is there, in metres.

@@ -1,7 +1,6 @@
 //! What a control law sees and says.
 
-use crate::ports::Io;
-use crate::task::{MAX_PARAMS, Param, ParamType};
+use crate::declaration::Params;
 use crate::tasks::{Pose, Ranges, Twist};
 
 /// What a behaviour sees when it is to say how the robot moves.
@@ -24,29 +23,6 @@ pub enum Control {
     Done,
     /// The goal cannot be reached.
     Failed,
-}
-
-/// The parameters of a behaviour: those of its task state, or of the command that inserted it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Params([u32; MAX_PARAMS]);
-
-impl Params {
-    /// Those of the task that is executed.
-    pub fn of(io: &Io<'_>) -> Self {
-        Self(*io.param_bits())
-    }
-
-    /// The value of a parameter.
-    pub fn get<P: ParamType>(&self, param: Param<P>) -> P {
-        let bits = self.0.get(usize::from(param.index));
-        P::from_bits(bits.copied().unwrap_or(0))
-    }
-}
-
-impl From<[u32; MAX_PARAMS]> for Params {
-    fn from(bits: [u32; MAX_PARAMS]) -> Self {
-        Self(bits)
-    }
 }
 
 /// A control law.

@@ -22,6 +22,16 @@ pub struct Key(u16);
 impl Key {
     /// The behaviour that stands still.
     pub const IDLE: Self = Self(0);
+
+    /// Its number.
+    pub const fn number(self) -> u16 {
+        self.0
+    }
+
+    /// The key of this number.
+    pub const fn of_number(number: u16) -> Self {
+        Self(number)
+    }
 }
 
 /// The list has no room.
@@ -31,8 +41,12 @@ pub struct ListFull;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Entry {
     key: Key,
+    /// The lower half of its task's signature hash.
+    task: u16,
     state: LifeState,
     unseen: u8,
+    /// It was suspended by hand.
+    is_held: bool,
 }
 
 /// The behaviours of a robot, in the order in which they execute. The head does; the others wait.
@@ -54,8 +68,10 @@ impl BehaviourList {
     pub const EMPTY: Self = Self {
         entries: [Entry {
             key: Key::IDLE,
+            task: 0,
             state: LifeState::Initial,
             unseen: 0,
+            is_held: false,
         }; PLACES],
         len: 0,
         last_key: 0,
@@ -100,13 +116,14 @@ impl BehaviourList {
         self.present().get(place).map(|entry| entry.state)
     }
 
-    /// Puts a new behaviour behind all others.
+    /// Puts a new behaviour behind all others. The lower half of its task's signature hash names
+    /// it to whoever looks at the list.
     ///
     /// # Errors
     /// [`ListFull`]
-    pub fn insert_at_tail(&mut self) -> Result<Key, ListFull> {
+    pub fn insert_at_tail(&mut self, task: u16) -> Result<Key, ListFull> {
         let key = self.room_for_one()?;
-        self.insert(self.len.into(), key);
+        self.insert(self.len.into(), key, task);
         Ok(key)
     }
 
@@ -114,10 +131,10 @@ impl BehaviourList {
     ///
     /// # Errors
     /// [`ListFull`]
-    pub fn insert_at_head(&mut self) -> Result<Key, ListFull> {
+    pub fn insert_at_head(&mut self, task: u16) -> Result<Key, ListFull> {
         let key = self.room_for_one()?;
         self.interrupt_head();
-        self.insert(0, key);
+        self.insert(0, key, task);
         Ok(key)
     }
 
@@ -128,13 +145,33 @@ impl BehaviourList {
         if self.head() != Some(Key::IDLE) {
             self.end(Key::IDLE);
             self.interrupt_head();
-            self.insert(0, Key::IDLE);
+            self.insert(0, Key::IDLE, 0);
             self.dispatch();
         }
     }
 
-    /// Lets the head execute. Others never do.
+    /// Suspends a behaviour by hand, or resumes it: one that is held does not execute; IDLE does in
+    /// its place, once its turn comes. Returns whether it is on the list.
+    pub fn hold(&mut self, key: Key, is_held: bool) -> bool {
+        let place = self.place(key).filter(|_| key != Key::IDLE);
+        let Some(entry) = place.and_then(|place| self.present_mut().get_mut(place)) else {
+            return false;
+        };
+        entry.is_held = is_held;
+        true
+    }
+
+    /// Whether a behaviour was suspended by hand.
+    pub fn is_held(&self, key: Key) -> bool {
+        let entry = self.place(key).and_then(|place| self.present().get(place));
+        entry.is_some_and(|entry| entry.is_held)
+    }
+
+    /// Lets the head execute, or IDLE before it where it is held. Others never do.
     pub fn dispatch(&mut self) {
+        if self.present().first().is_some_and(|head| head.is_held) {
+            self.idle();
+        }
         if let Some(head) = self.present_mut().first_mut()
             && let Some(state) = head.state.after(Cause::Dispatch)
         {
@@ -199,6 +236,11 @@ impl BehaviourList {
         self.asked.take().unwrap_or(Twist::STILL)
     }
 
+    /// What stands on the list, the head first: key, task, state, and whether it is held.
+    pub fn entries(&self) -> impl Iterator<Item = (Key, u16, LifeState, bool)> {
+        (self.present().iter()).map(|entry| (entry.key, entry.task, entry.state, entry.is_held))
+    }
+
     fn room_for_one(&mut self) -> Result<Key, ListFull> {
         let others = self.present().iter().filter(|entry| entry.key != Key::IDLE);
         if others.count() >= MAX_BEHAVIOURS {
@@ -215,10 +257,11 @@ impl BehaviourList {
         Err(ListFull)
     }
 
-    fn insert(&mut self, place: usize, key: Key) {
+    fn insert(&mut self, place: usize, key: Key, task: u16) {
         self.len += 1;
         let mut moved = Entry {
             key,
+            task,
             ..Entry::default()
         };
         for place in place..self.len() {
@@ -249,19 +292,21 @@ impl PortType for BehaviourList {
     const NAME: &'static str = "BehaviourList";
     const INIT: Self = Self::EMPTY;
 
-    const FIELDS: &'static str = "behaviours:u8\nkeys:[u16;9]\nstates:[u8;9]\n";
+    const FIELDS: &'static str = "behaviours:u8\nkeys:[u16;9]\nstates:[u8;9]\ntasks:[u16;9]\n";
 
     // What is not on the list is 0.
     fn show(&self, show: &mut Show<'_>) {
         let mut keys = [0; PLACES];
         let mut states = [0; PLACES];
-        let rows = keys.iter_mut().zip(&mut states);
-        for (entry, (key, state)) in self.present().iter().zip(rows) {
-            (*key, *state) = (entry.key.0, entry.state as u8);
+        let mut tasks = [0; PLACES];
+        let rows = keys.iter_mut().zip(&mut states).zip(&mut tasks);
+        for (entry, ((key, state), task)) in self.present().iter().zip(rows) {
+            (*key, *state, *task) = (entry.key.0, entry.state as u8, entry.task);
         }
         self.len.show(show);
         keys.show(show);
         states.show(show);
+        tasks.show(show);
     }
 }
 
@@ -274,8 +319,8 @@ mod tests {
     #[test]
     fn new_ones_wait_behind_the_others_and_the_head_executes() {
         let mut list = BehaviourList::EMPTY;
-        let first = list.insert_at_tail().unwrap();
-        let second = list.insert_at_tail().unwrap();
+        let first = list.insert_at_tail(1).unwrap();
+        let second = list.insert_at_tail(1).unwrap();
         assert_eq!(list.state(first), Some(LifeState::Initial));
         list.dispatch();
         assert_eq!(list.state(first), Some(LifeState::Execute));
@@ -289,9 +334,9 @@ mod tests {
     #[test]
     fn one_before_the_head_interrupts_it_and_it_resumes() {
         let mut list = BehaviourList::EMPTY;
-        let first = list.insert_at_tail().unwrap();
+        let first = list.insert_at_tail(1).unwrap();
         list.dispatch();
-        let urgent = list.insert_at_head().unwrap();
+        let urgent = list.insert_at_head(1).unwrap();
         assert_eq!(list.state(first), Some(LifeState::Resume));
         list.dispatch();
         assert_eq!(list.state(urgent), Some(LifeState::Execute));
@@ -299,9 +344,9 @@ mod tests {
         list.dispatch();
         assert_eq!(list.state(first), Some(LifeState::Execute));
         // One that has never executed stays as it is.
-        let waits = list.insert_at_tail().unwrap();
+        let waits = list.insert_at_tail(1).unwrap();
         list.end(first);
-        list.insert_at_head().unwrap();
+        list.insert_at_head(1).unwrap();
         assert_eq!(list.state(waits), Some(LifeState::Initial));
     }
 
@@ -310,15 +355,15 @@ mod tests {
         for insert in [BehaviourList::insert_at_tail, BehaviourList::insert_at_head] {
             let mut list = BehaviourList::EMPTY;
             for _ in 0..MAX_BEHAVIOURS {
-                insert(&mut list).unwrap();
+                insert(&mut list, 1).unwrap();
             }
-            assert_eq!(insert(&mut list), Err(ListFull));
+            assert_eq!(insert(&mut list, 1), Err(ListFull));
             let head = list.head().unwrap();
             list.dispatch();
             list.idle();
             list.idle();
             assert_eq!(list.len(), MAX_BEHAVIOURS + 1);
-            assert_eq!(insert(&mut list), Err(ListFull));
+            assert_eq!(insert(&mut list, 1), Err(ListFull));
             assert_eq!(list.state(Key::IDLE), Some(LifeState::Execute));
             assert_eq!(list.second(), Some(head));
             assert_eq!(list.state(head), Some(LifeState::Resume));
@@ -328,8 +373,8 @@ mod tests {
     #[test]
     fn who_is_not_seen_leaves_and_idle_does_not_stay_alone() {
         let mut list = BehaviourList::EMPTY;
-        let left = list.insert_at_tail().unwrap();
-        let stays = list.insert_at_tail().unwrap();
+        let left = list.insert_at_tail(1).unwrap();
+        let stays = list.insert_at_tail(1).unwrap();
         list.dispatch();
         list.idle();
         for look in 1..=UNSEEN_LOOKS + 1 {
@@ -346,7 +391,7 @@ mod tests {
     /// Each task state of a behaviour has room for two: the chapter on behaviours says how much.
     #[test]
     fn a_list_is_as_small_as_the_book_says() {
-        assert_eq!(size_of::<BehaviourList>(), 52);
+        assert_eq!(size_of::<BehaviourList>(), 88);
     }
 
     proptest! {
@@ -358,8 +403,8 @@ mod tests {
             for (op, at) in ops {
                 let key = list.present().get(at).map(|entry| entry.key);
                 match (op, key) {
-                    (0, _) => drop(list.insert_at_tail()),
-                    (1, _) => drop(list.insert_at_head()),
+                    (0, _) => drop(list.insert_at_tail(1)),
+                    (1, _) => drop(list.insert_at_head(1)),
                     (2, _) => list.idle(),
                     (3, _) => list.look(),
                     (4, Some(key)) => drop(list.end(key)),

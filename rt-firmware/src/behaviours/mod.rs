@@ -45,25 +45,35 @@
 //! Source: Schoute, "Behaviour-based control framework for an autonomous mobile robot", sections 3
 //! and 4.
 
+pub mod command;
 mod executive;
 mod go_to;
+mod inserted;
 mod law;
 mod life_cycle;
 mod list;
 mod move_on;
 mod place;
+mod remote_control;
+mod repertoire;
 mod runner;
+mod script;
+mod shipped;
 pub mod situation;
 mod turn_to;
+mod watches;
 
+pub use crate::declaration::Params;
 pub use executive::Behaviours;
 pub use go_to::{GoTo, GoToLaw};
-pub use law::{Behaviour, Control, Params, Scene};
+pub use law::{Behaviour, Control, Scene};
 pub use life_cycle::{Cause, LifeState};
 pub use list::{BehaviourList, Key, ListFull, MAX_BEHAVIOURS, UNSEEN_LOOKS};
 pub use move_on::{Move, MoveLaw};
+pub use repertoire::{BehaviourTask, Repertoire};
 #[doc(hidden)]
 pub use runner::{Ports, Runner};
+pub use shipped::ShippedLaws;
 pub use turn_to::{TurnTo, TurnToLaw};
 
 /// Declares a task that runs a [`Behaviour`]; see [the module](mod@crate::behaviours) for an
@@ -112,6 +122,11 @@ macro_rules! behaviour {
             }
         }
 
+        impl $crate::behaviours::BehaviourTask for $name {
+            type Law = $law;
+            const OUTSIDE: $crate::Param<f32> = $name::OUTSIDE_M;
+        }
+
         impl $crate::Task for $name {
             fn reset(&mut self) {
                 self.0.reset();
@@ -129,6 +144,7 @@ macro_rules! behaviour {
                     suspended: $name::SUSPENDED,
                     failed: $name::FAILED,
                     outside_m: $name::OUTSIDE_M,
+                    task: $crate::declaration_of::<$name>().signature_hash as u16,
                 };
                 self.0.step(io, &PORTS)
             }

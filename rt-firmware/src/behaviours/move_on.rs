@@ -1,8 +1,9 @@
 //! Moves at reference speeds where there is room.
 
-use super::law::{Behaviour, Control, Params, Scene};
+use super::law::{Behaviour, Control, Scene};
 use super::list::BehaviourList;
 use crate::behaviour;
+use crate::declaration::Params;
 use crate::tasks::{Pose, Ranges, Sector, Twist};
 
 /// So much room there must be on the side that the robot moves to, in metres.

@@ -1,9 +1,10 @@
 //! The place of a behaviour on the list, and in the world.
 
-use super::law::{Behaviour, Control, Params, Scene};
+use super::law::{Behaviour, Control, Scene};
 use super::life_cycle::LifeState;
 use super::list::{BehaviourList, Key};
 use super::situation::{OutsideRange, Reaction, SafetyCheck, Situation};
+use crate::declaration::Params;
 use crate::odometry::LocalFrame;
 use crate::tasks::{Pose, Ranges, Twist};
 
@@ -22,6 +23,8 @@ pub(super) struct Around<'a> {
     pub(super) period_us: u32,
     /// Farther than this from its start it ends, in metres; 0 is no limit.
     pub(super) outside_m: f32,
+    /// What the list is to name it by.
+    pub(super) task: u16,
 }
 
 /// What became of a behaviour in one look.
@@ -48,9 +51,11 @@ pub(super) struct Place {
     /// It has not come onto the list since it began.
     is_new: bool,
     centre: LocalFrame,
-    /// What it asked for when it was interrupted.
+    /// What it asked for last.
     asked: Twist,
     free_us: u32,
+    /// A situation keeps it from executing.
+    is_barred: bool,
 }
 
 impl Default for Place {
@@ -61,6 +66,7 @@ impl Default for Place {
             centre: LocalFrame::START,
             asked: Twist::STILL,
             free_us: 0,
+            is_barred: false,
         }
     }
 }
@@ -82,6 +88,30 @@ impl Place {
     /// It begins anew, and comes onto the list in its next step.
     pub(super) fn begin_anew(&mut self) {
         self.is_new = true;
+    }
+
+    /// The place of one that is on the list already, with a local frame of this centre.
+    pub(super) fn at(key: Key, centre: Pose) -> Self {
+        Self {
+            key: Some(key),
+            centre: LocalFrame::from(centre),
+            ..Self::default()
+        }
+    }
+
+    /// A pose in its local frame.
+    pub(super) fn see(&self, pose: Pose) -> Pose {
+        self.centre.see(pose)
+    }
+
+    /// What it asked for last.
+    pub(super) fn asked(&self) -> Twist {
+        self.asked
+    }
+
+    /// Whether a situation keeps it from executing from now on.
+    pub(super) fn bar(&mut self, is_barred: bool) {
+        self.is_barred = is_barred;
     }
 
     /// Takes part in the list, and in its turn says how to move.
@@ -106,7 +136,7 @@ impl Place {
             let Some(pose) = around.pose else {
                 return Turn::NotYet;
             };
-            if !self.come(list, law.centre(pose, params)) {
+            if !self.come(list, law.centre(pose, params), around.task) {
                 return Turn::Ends { failed: true };
             }
         }
@@ -127,20 +157,14 @@ impl Place {
     }
 
     /// Comes onto the list. False where there is no room.
-    fn come(&mut self, list: &mut BehaviourList, centre: Pose) -> bool {
+    fn come(&mut self, list: &mut BehaviourList, centre: Pose, task: u16) -> bool {
         if let Some(earlier) = self.key.take() {
             list.end(earlier);
         }
-        let Ok(key) = list.insert_at_tail() else {
+        let Ok(key) = list.insert_at_tail(task) else {
             return false;
         };
-        *self = Self {
-            key: Some(key),
-            is_new: false,
-            centre: LocalFrame::from(centre),
-            asked: Twist::STILL,
-            free_us: 0,
-        };
+        *self = Self::at(key, centre);
         true
     }
 
@@ -167,13 +191,14 @@ impl Place {
             }
             Role::Executes | Role::Waits => {}
             Role::Idles => {
-                let is_free = SafetyCheck::is_free(&self.asked, around.ranges);
+                let is_free = !self.is_barred && SafetyCheck::is_free(&self.asked, around.ranges);
                 self.free_us = if is_free {
                     self.free_us.saturating_add(around.period_us)
                 } else {
                     0
                 };
-                if self.free_us >= FREE_FOR_US {
+                let is_held = self.key.is_some_and(|key| list.is_held(key));
+                if self.free_us >= FREE_FOR_US && !is_held {
                     list.end(Key::IDLE);
                 }
             }
@@ -195,7 +220,10 @@ impl Place {
         let Control::Move(twist) = control else {
             return self.end(list, control == Control::Failed);
         };
+        self.asked = twist;
+        let barred = self.is_barred.then_some(Reaction::Suspend);
         let reaction = (outside.look(pose, &twist, around.ranges))
+            .or(barred)
             .or_else(|| SafetyCheck.look(pose, &twist, around.ranges));
         match reaction {
             None => {
@@ -204,14 +232,15 @@ impl Place {
             }
             Some(Reaction::Cancel) => self.end(list, false),
             Some(Reaction::Suspend) => {
-                (self.asked, self.free_us) = (twist, 0);
+                self.free_us = 0;
                 list.idle();
                 self.wait(list, around, Role::Idles)
             }
         }
     }
 
-    fn end(&mut self, list: &mut BehaviourList, failed: bool) -> Turn {
+    /// Leaves the list.
+    pub(super) fn end(&mut self, list: &mut BehaviourList, failed: bool) -> Turn {
         if let Some(key) = self.key.take() {
             list.end(key);
         }

@@ -1,6 +1,6 @@
 //! What a task does that is a behaviour.
 
-use super::law::{Behaviour, Params};
+use super::law::Behaviour;
 use super::list::BehaviourList;
 use super::place::{Around, Place, Turn};
 use crate::ports::Io;
@@ -22,6 +22,8 @@ pub struct Ports {
     pub failed: OutFlag,
     /// Where it ends.
     pub outside_m: Param<f32>,
+    /// What the list names it by.
+    pub task: u16,
 }
 
 /// A behaviour between its entry and its end.
@@ -51,12 +53,13 @@ impl<B: Behaviour + Default> Runner<B> {
 
 // Apart from the law, so that it is there once for all laws.
 fn step(place: &mut Place, io: &mut Io<'_>, ports: &Ports, law: &mut dyn Behaviour) -> Step {
-    let params = Params::of(io);
+    let params = io.params();
     let around = Around {
         pose: io.try_read(ports.pose).copied(),
         ranges: io.try_read(ports.ranges),
         period_us: io.period_us(),
         outside_m: params.get(ports.outside_m),
+        task: ports.task,
     };
     match place.step(io.try_update(ports.list), &around, &params, law) {
         Turn::NotYet => Step::Run,
@@ -80,6 +83,8 @@ mod tests {
     use crate::TaskBench;
     use crate::behaviours::{Behaviours, LifeState, Move, TurnTo};
     use crate::tasks::Twist;
+
+    type Owner = Behaviours;
 
     const PERIOD_US: u32 = 20_000;
 
@@ -176,7 +181,7 @@ mod tests {
     fn it_waits_behind_others_and_for_one_that_is_put_before_it() {
         let mut bench = bench();
         let mut others = BehaviourList::EMPTY;
-        let first = others.insert_at_tail().expect("room");
+        let first = others.insert_at_tail(1).expect("room");
         bench.give(Move::LIST, others);
         assert_eq!(asks(&mut bench), Twist::STILL);
         assert!(bench.flag(Move::SUSPENDED));
@@ -185,7 +190,7 @@ mod tests {
         bench.give(Move::LIST, now);
         assert_eq!(asks(&mut bench), FORWARDS);
         let mut now = list(&bench);
-        let urgent = now.insert_at_head().expect("room");
+        let urgent = now.insert_at_head(1).expect("room");
         bench.give(Move::LIST, now);
         assert_eq!(asks(&mut bench), Twist::STILL);
         let mut now = list(&bench);
@@ -218,7 +223,7 @@ mod tests {
         assert!(bench.flag(Move::FAILED), "somebody took it off");
 
         let mut full = BehaviourList::EMPTY;
-        while full.insert_at_tail().is_ok() {}
+        while full.insert_at_tail(1).is_ok() {}
         bench.enter_anew();
         assert_eq!(bench.give(Move::LIST, full).step(), Some(Step::Finished));
         assert!(bench.flag(Move::FAILED), "there is no room");
@@ -244,7 +249,7 @@ mod tests {
             let mut list = bench.output(TurnTo::LIST).expect("a list");
             let twist = list.take_asked();
             if step == 20 {
-                list.insert_at_head().expect("room");
+                list.insert_at_head(1).expect("room");
             } else if step == 60 {
                 list.end(list.head().expect("the one before it"));
             }
@@ -260,23 +265,23 @@ mod tests {
 
     #[test]
     fn the_owner_makes_the_list_passes_on_what_is_asked_and_stands_still_without() {
-        let mut bench = TaskBench::new(Behaviours);
+        let mut bench = TaskBench::new(Owner::default());
         bench.step();
-        assert_eq!(bench.output(Behaviours::MADE), Some(BehaviourList::EMPTY));
-        assert_eq!(bench.output(Behaviours::TWIST), Some(Twist::STILL));
-        assert!(bench.flag(Behaviours::IDLE));
+        assert_eq!(bench.output(Owner::MADE), Some(BehaviourList::EMPTY));
+        assert_eq!(bench.output(Owner::TWIST), Some(Twist::STILL));
+        assert!(bench.flag(Owner::IDLE));
         let mut list = BehaviourList::EMPTY;
-        let key = list.insert_at_tail().expect("room");
+        let key = list.insert_at_tail(1).expect("room");
         list.ask(FORWARDS);
-        bench.give(Behaviours::LIST, list).step();
-        assert_eq!(bench.output(Behaviours::TWIST), Some(FORWARDS));
-        assert!(!bench.flag(Behaviours::IDLE));
+        bench.give(Owner::LIST, list).step();
+        assert_eq!(bench.output(Owner::TWIST), Some(FORWARDS));
+        assert!(!bench.flag(Owner::IDLE));
         // Nobody asks any more: it stands; nobody shows itself: it leaves.
         bench.step();
-        assert_eq!(bench.output(Behaviours::TWIST), Some(Twist::STILL));
+        assert_eq!(bench.output(Owner::TWIST), Some(Twist::STILL));
         bench.step();
-        let list: BehaviourList = bench.output(Behaviours::LIST).expect("a list");
+        let list: BehaviourList = bench.output(Owner::LIST).expect("a list");
         assert_eq!(list.state(key), None);
-        assert!(bench.flag(Behaviours::IDLE));
+        assert!(bench.flag(Owner::IDLE));
     }
 }

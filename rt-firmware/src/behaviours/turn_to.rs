@@ -3,9 +3,10 @@
 // Parameters are written as in a mission, which has no names for angles.
 #![allow(clippy::approx_constant)]
 
-use super::law::{Behaviour, Control, Params, Scene};
+use super::law::{Behaviour, Control, Scene};
 use super::list::BehaviourList;
 use crate::behaviour;
+use crate::declaration::Params;
 use crate::odometry::wrapped_rad;
 use crate::tasks::{Pose, Ranges, Twist};
 

@@ -17,6 +17,8 @@ pub(crate) struct Commands<'q, 'm> {
     /// A swap, a start, a fall-back or another value of a parameter, to be done at the
     /// interpreter's next activation.
     waiting: Option<&'m mut Content<'m>>,
+    /// What the owner of the list of behaviours is to do, and until when it may take, in ticks.
+    of_behaviours: Option<(&'m mut Content<'m>, u64)>,
     /// What is answered when the new mission begins.
     answered: Option<&'m mut Content<'m>>,
     /// When it is too late for what waits, on the board's clock in microseconds.
@@ -34,6 +36,7 @@ impl<'q, 'm> Commands<'q, 'm> {
             from_link,
             to_link,
             waiting: None,
+            of_behaviours: None,
             answered: None,
             waiting_by_us: NO_DEADLINE,
             waiting_since_ticks: 0,
@@ -122,6 +125,26 @@ impl<'q, 'm> Commands<'q, 'm> {
             && let Content::Reply(Reply::Started) = **content
         {
             content.refuse(LinkError::StopCame);
+        }
+    }
+
+    /// Lets it wait for the owner of the list of behaviours, until this time.
+    pub(super) fn wait_for_behaviours(&mut self, content: &'m mut Content<'m>, until_ticks: u64) {
+        self.of_behaviours = Some((content, until_ticks));
+    }
+
+    /// Whether it waits for the owner of the list of behaviours; and then, whether it has waited
+    /// long enough.
+    pub(super) fn waits_for_behaviours(&self, now_ticks: u64) -> Option<bool> {
+        let (_, until_ticks) = self.of_behaviours.as_ref()?;
+        Some(now_ticks > *until_ticks)
+    }
+
+    /// Sends the reply of the owner of the list of behaviours.
+    pub(super) fn reply_of_behaviours(&mut self, reply: Reply<'m>) {
+        if let Some((content, _)) = self.of_behaviours.take() {
+            *content = Content::Reply(reply);
+            self.send(content);
         }
     }
 

@@ -8,7 +8,7 @@ use super::change::lead_ticks;
 use super::timetable::Origin;
 use super::{IDLE_POLL_US, RealTime};
 use crate::board::{Board, microseconds, ticks};
-use crate::features::{PARAMS, WARM};
+use crate::features::{BEHAVIOURS, PARAMS, WARM};
 use crate::realtime::mailbox::Command;
 use esm_link::message::Mode;
 
@@ -54,6 +54,9 @@ impl RealTime<'_, '_> {
             self.look_for_stops(board);
             if self.commands.is_waiting() {
                 self.commands.refuse_late::<B>(now);
+            }
+            if BEHAVIOURS {
+                self.answer_behaviours(now);
             }
             if self.machine.mission().is_none() {
                 match self.stand_by(board, now) {

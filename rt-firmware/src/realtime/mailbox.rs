@@ -7,6 +7,7 @@
 
 use heapless::spsc::Queue;
 
+use crate::behaviours::command::{ListCommand, Report};
 use crate::ports::BackgroundRun;
 use crate::realtime::params::SavedParams;
 use crate::realtime::staging::{MappingTable, SpareMemory, StagedMission};
@@ -170,6 +171,8 @@ pub(crate) enum Command<'m> {
         /// What it asks for.
         ask: Bytes,
     },
+    /// What the list of behaviours is to do.
+    Behaviours(ListCommand),
 }
 
 /// What the real-time side replies.
@@ -251,6 +254,13 @@ pub(crate) enum Reply<'m> {
         /// Hash of the mission that they are of.
         mission: u32,
     },
+    /// A behaviour was inserted.
+    Behaviour {
+        /// Its key.
+        key: u16,
+    },
+    /// What stands on the list of behaviours.
+    BehaviourList(Report),
     /// That cannot be done. What it comes to too late goes back as it came, as a command.
     Failed(LinkError),
 }

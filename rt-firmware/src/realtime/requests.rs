@@ -5,10 +5,15 @@
 use super::params::SavedParams;
 use super::safe_state::is_stop_pressed;
 use super::{RealTime, params};
-use crate::board::Board;
-use crate::features::{PARAMS, TELEMETRY};
+use crate::behaviours::command::{Answer, ListCommand};
+use crate::board::{Board, microseconds, ticks};
+use crate::features::{BEHAVIOURS, PARAMS, TELEMETRY};
 use crate::realtime::mailbox::{Command, Content, Posted, Reply};
 use esm_link::message::{LinkError, Mode};
+
+/// How long the owner of the list of behaviours may take to answer, in microseconds: many periods
+/// of its slot.
+const BEHAVIOURS_ANSWER_US: u32 = 500_000;
 
 impl<'m> RealTime<'_, 'm> {
     /// Takes what the link wants, and answers it or keeps it for the interpreter's next activation.
@@ -29,6 +34,9 @@ impl<'m> RealTime<'_, 'm> {
             self.commands.send(content);
             return;
         }
+        if BEHAVIOURS && let Some(&Command::Behaviours(command)) = content.command() {
+            return self.ask_behaviours::<B>(content, command, now_ticks);
+        }
         if let Some(command) = content.command() {
             *content = Content::Reply(match self.waits(command, stops) {
                 Ok(true) => {
@@ -41,6 +49,47 @@ impl<'m> RealTime<'_, 'm> {
         }
         self.tell_health();
         self.commands.send(content);
+    }
+
+    /// Asks the owner of the list of behaviours.
+    #[inline(never)]
+    fn ask_behaviours<B: Board>(
+        &mut self,
+        content: &'m mut Content<'m>,
+        command: ListCommand,
+        now_ticks: u64,
+    ) {
+        let now_us = microseconds(now_ticks, B::TICKS_PER_US);
+        match self.execution.behaviours().put(command, now_us) {
+            Ok(()) => {
+                let until_ticks = now_ticks + ticks::<B>(BEHAVIOURS_ANSWER_US);
+                self.commands.wait_for_behaviours(content, until_ticks);
+            }
+            Err(error) => {
+                content.refuse(error);
+                self.commands.send(content);
+            }
+        }
+    }
+
+    /// Replies what came of a command to the list of behaviours, if anything did by now.
+    #[inline(never)]
+    pub(super) fn answer_behaviours(&mut self, now_ticks: u64) {
+        let Some(is_late) = self.commands.waits_for_behaviours(now_ticks) else {
+            return;
+        };
+        let reply = match self.execution.behaviours().take_answer() {
+            Some(Answer::Done) => Reply::Done,
+            Some(Answer::Inserted(key)) => Reply::Behaviour { key },
+            Some(Answer::List(report)) => Reply::BehaviourList(report),
+            Some(Answer::Refused(error)) => Reply::Failed(error),
+            None if is_late => {
+                self.execution.behaviours().give_up();
+                Reply::Failed(LinkError::NoBehaviours)
+            }
+            None => return,
+        };
+        self.commands.reply_of_behaviours(reply);
     }
 
     /// Whether a command waits for the interpreter's next activation that was sent when there had

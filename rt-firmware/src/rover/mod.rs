@@ -359,7 +359,7 @@ where
             #[cfg(feature = "sonar-array")]
             steer: TaskPool::new(array::from_fn(|_| Steer)),
             #[cfg(feature = "behaviours")]
-            behaviours: TaskPool::new([Behaviours]),
+            behaviours: TaskPool::new([Behaviours::default()]),
             #[cfg(feature = "behaviours")]
             move_on: TaskPool::new(array::from_fn(|_| Move::default())),
             #[cfg(feature = "behaviours")]

@@ -223,6 +223,7 @@ pub fn without(feature: Feature) -> &'static str {
         Feature::Store => "it keeps nothing in a flash, or has none",
         Feature::BlackBox => "it has no flight recorder",
         Feature::Telemetry => "it tells nothing of values on nets",
+        Feature::Behaviours => "it has no behaviours",
     }
 }
 
@@ -280,6 +281,11 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
                 Capacity::TaskInstances => "task states",
                 Capacity::Nets => "nets",
                 Capacity::ExclusiveGroups => "exclusive groups",
+                Capacity::ScriptSteps => {
+                    return format!(
+                        "the script has {needed} steps, with those that its situations insert, and the robot has room for {available}: make two of it"
+                    );
+                }
                 Capacity::Pairs => {
                     return format!(
                         "the mission has {needed} entries in common with the one that runs, the robot has room for {available}: upload it without `--warm`"
@@ -295,6 +301,13 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::NoStore => "it has no flash that it could keep this in; write it into the mission, and upload that".into(),
         LinkError::NotBuiltIn => "its firmware was built without this".into(),
         LinkError::EmergencyStopped => "an emergency stop is latched there; once its button is up, `esm start --release` ends it".into(),
+        LinkError::NoBehaviours => "no task `Behaviours` executes there that knows where the robot is: the mission has none, or is stopped; `esm status` says how it is, `missions/by_hand.esm` has one".into(),
+        LinkError::NotABehaviour => "its firmware has no such behaviour; `esm behaviours` lists what it has".into(),
+        LinkError::ListFull => "its list of behaviours has no room; `esm behaviours show` says what stands there, `esm behaviours cancel` takes one off".into(),
+        LinkError::NotOnList => "no behaviour of this key is on its list, or none that this can be done to; `esm behaviours show` lists them".into(),
+        LinkError::NoScript => "there is no script under way, or not all of its steps have arrived; `esm script run` sends them".into(),
+        LinkError::NoSituation => "a situation is none, or its value is no number or negative".into(),
+        LinkError::TooFast => "that is no speed, or faster than a robot may be driven by hand: 2 m/s and 6.3 rad/s at most".into(),
         LinkError::StopCame => "a stop came meanwhile, and the robot stands still; if nobody needs that any more, `esm start` it again".into(),
         LinkError::Late => "it came to this later than you waited for it, and has not done it".into(),
         LinkError::StopNotStored => "the emergency stop is as you want it, but the robot's flash did not take that: a loss of power undoes it".into(),

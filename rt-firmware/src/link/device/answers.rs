@@ -6,7 +6,7 @@ use core::sync::atomic::Ordering;
 use super::handler::RequestHandler;
 use super::port::LinkPort;
 use crate::black_box::KEEPS_RECORDS;
-use crate::features::{PARAMS, RECORD, STATUS_EVENTS, TELEMETRY, WARM};
+use crate::features::{BEHAVIOURS, PARAMS, RECORD, STATUS_EVENTS, TELEMETRY, WARM};
 use crate::realtime::mailbox::{Bytes, Content};
 use esm_link::access::Access;
 use esm_link::features::{Feature, Features};
@@ -48,7 +48,8 @@ impl RequestHandler<'_, '_> {
                 Feature::BlackBox,
                 KEEPS_RECORDS && self.about.kept.is_some(),
             )
-            .with(Feature::Telemetry, TELEMETRY);
+            .with(Feature::Telemetry, TELEMETRY)
+            .with(Feature::Behaviours, BEHAVIOURS);
         Response::Features {
             built_in,
             flash_ms: if has_store { P::FLASH_MS } else { 0 },

@@ -13,6 +13,7 @@
 //! *Invariant:* a request that comes again is not carried out again: its answer is sent again.
 
 mod answers;
+mod behaviours;
 mod budget;
 mod client_session;
 mod emergency;

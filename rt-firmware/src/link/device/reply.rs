@@ -122,6 +122,11 @@ pub(super) fn answer_of<'l>(content: &'l Content<'_>) -> Result<Response<'l>, Li
         Reply::Fields { text, offset } => Ok(text_part(text, usize::from(*offset))),
         Reply::ParamsSaved { count } => Ok(Response::ParamsSaved { count: *count }),
         Reply::ParamSet { before } => Ok(Response::ParamSet { before: *before }),
+        Reply::Behaviour { key } => Ok(Response::Behaviour { key: *key }),
+        Reply::BehaviourList(report) => Ok(Response::BehaviourList {
+            script: report.script,
+            entries: report.bytes(),
+        }),
         Reply::Done
         | Reply::Started
         | Reply::Confirmed { .. }

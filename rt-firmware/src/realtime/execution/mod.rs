@@ -13,6 +13,7 @@ use super::machine::{Machine, Mission};
 use super::observers::Observers;
 use super::slots::SlotEntry;
 use super::tasks::{self, Lists, NO_GROUP, NONE, TaskActivity, TaskEntry, TaskTable};
+use crate::behaviours::command::CommandBox;
 use crate::board::{Board, ticks_between};
 use crate::ports::{BackgroundRun, Executor, Registry, StepOutput};
 use crate::task::Step;
@@ -161,6 +162,11 @@ impl<'q, 'm> Execution<'q, 'm> {
         self.executor.inputs().link_silent_us = silent_us;
     }
 
+    /// What the list of behaviours is to do.
+    pub(super) fn behaviours(&mut self) -> &mut CommandBox {
+        self.executor.behaviours()
+    }
+
     /// How many overruns in a row of one slot a task allows that is enabled.
     pub(super) fn allowed_overruns_in_a_row(&self, machine: &Machine<'_, '_>) -> Option<u16> {
         let (instance, allowed) = self.supervisor?;
@@ -180,6 +186,7 @@ impl<'q, 'm> Execution<'q, 'm> {
         self.supervisor = None;
         self.failure = None;
         self.executor.inputs().link_silent_us = 0;
+        self.executor.behaviours().forget();
     }
 
     /// A mission takes over, with these lists. Answers those of the one before.

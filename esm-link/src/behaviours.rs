@@ -1,0 +1,373 @@
+//! What a host asks of the list of behaviours: to insert one, to take one off, to drive by hand, to
+//! run a script.
+//!
+//! The list is that of the task `Behaviours` of the mission that runs. It does what it is asked in
+//! the next activation of its slot.
+
+use serde::{Deserialize, Serialize};
+
+/// How many parameters a behaviour has at most.
+pub const MAX_CALL_PARAMS: usize = 8;
+/// Bytes of a parameter in a [`Call`].
+pub const PARAM_BYTES: usize = 4;
+/// How many situations are watched beside a behaviour at most, besides those that always are.
+pub const MAX_WATCHES: usize = 3;
+/// Bytes of a watched situation in a [`Call`].
+pub const WATCH_BYTES: usize = 6;
+/// How many steps a script has at most, with the behaviours that its situations insert.
+pub const MAX_SCRIPT_STEPS: usize = 16;
+/// How far ahead a movement may reach that is driven by hand, in microseconds of the robot's clock.
+pub const MAX_DRIVE_US: u64 = 300_000;
+/// The fastest that can be driven by hand, in metres per second.
+pub const MAX_DRIVE_M_PER_S: f32 = 2.0;
+/// The fastest turn by hand, in radians per second.
+pub const MAX_DRIVE_RAD_PER_S: f32 = 6.3;
+
+/// What a host asks of the list of behaviours.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum BehaviourRequest<'a> {
+    /// A behaviour, behind all others. Answer:
+    /// [`Response::Behaviour`](crate::message::Response::Behaviour).
+    InsertAtTail(#[serde(borrow)] Call<'a>),
+    /// A behaviour before the head, which is interrupted and resumes afterwards. Answer as above.
+    InsertAtHead(#[serde(borrow)] Call<'a>),
+    /// The behaviour of this key leaves the list. Answer:
+    /// [`Response::Done`](crate::message::Response::Done), as to all that follow.
+    Cancel {
+        /// As the list says.
+        key: u16,
+    },
+    /// IDLE executes in the place of the behaviour of this key, until it is resumed.
+    Suspend {
+        /// As the list says.
+        key: u16,
+    },
+    /// The behaviour of this key may execute again.
+    Resume {
+        /// As the list says.
+        key: u16,
+    },
+    /// REMOTE_CONTROL: move like this, before all others, which resume when the time is over.
+    Drive {
+        /// Ahead, in metres per second.
+        forward_m_per_s: f32,
+        /// To the left, in radians per second.
+        turn_rad_per_s: f32,
+        /// The last microsecond on the robot's clock at which it holds, at most [`MAX_DRIVE_US`]
+        /// ahead.
+        until_us: u64,
+    },
+    /// REMOTE_CONTROL ends.
+    EndDrive,
+    /// A step of a script, which is put away until all are there.
+    Step {
+        /// Which script: what is put away of another is forgotten.
+        script: u32,
+        /// Which step, from 0 on.
+        index: u8,
+        /// What it inserts.
+        #[serde(borrow)]
+        call: Call<'a>,
+    },
+    /// The script begins, in place of one before. Its steps come onto the list one after the other,
+    /// behind all others.
+    Run {
+        /// Which script.
+        script: u32,
+        /// How many steps it has. Those behind them are what its situations insert.
+        steps: u8,
+        /// How many there are with those.
+        all: u8,
+    },
+    /// The script ends, and its step leaves the list.
+    EndScript,
+    /// Its step is suspended, and none follows.
+    SuspendScript,
+    /// It goes on.
+    ResumeScript,
+}
+
+/// A behaviour, with its parameters and situations.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Call<'a> {
+    /// Hash of the signature of its task type.
+    pub task: u64,
+    /// The bits of all parameters, in the order of the declaration, [`PARAM_BYTES`] each, little
+    /// endian.
+    pub params: &'a [u8],
+    /// Situations, [`WATCH_BYTES`] each.
+    pub watches: &'a [u8],
+}
+
+/// A situation that is watched beside a behaviour, and what happens then.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Watch {
+    /// What may happen.
+    pub situation: Situation,
+    /// Its parameter.
+    pub value: f32,
+    /// What is done about it.
+    pub reaction: Reaction,
+}
+
+/// What may happen while a behaviour executes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Situation {
+    /// The robot is farther than so many metres from where the behaviour began.
+    OutsideRange = 0,
+    /// It was to move, and has not, for so many seconds.
+    Stuck = 1,
+    /// Nobody has known for so many seconds what is ahead of it.
+    SensorLost = 2,
+    /// The battery is below so many volts.
+    LowBattery = 3,
+    /// Something is nearer than so many metres, in any direction.
+    Near = 4,
+}
+
+impl Situation {
+    /// All of them, by their numbers.
+    pub const ALL: [Self; 5] = [
+        Self::OutsideRange,
+        Self::Stuck,
+        Self::SensorLost,
+        Self::LowBattery,
+        Self::Near,
+    ];
+
+    /// What scripts call it, and its parameter.
+    pub const fn names(self) -> (&'static str, &'static str) {
+        match self {
+            Self::OutsideRange => ("outside_range", "radius_m"),
+            Self::Stuck => ("stuck", "after_s"),
+            Self::SensorLost => ("sensor_lost", "after_s"),
+            Self::LowBattery => ("low_battery", "below_v"),
+            Self::Near => ("near", "range_m"),
+        }
+    }
+}
+
+/// What is done about a situation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reaction {
+    /// IDLE executes in the behaviour's place until the situation has passed.
+    Suspend,
+    /// The behaviour ends. A script goes on with its next step.
+    Cancel,
+    /// The behaviour ends, and its script with it.
+    EndScript,
+    /// The flag `noticed` of the task `Behaviours` is set while it lasts.
+    Flag,
+    /// This step of the script is inserted before it, once for each time the situation comes up.
+    Insert(u8),
+}
+
+/// The number of [`Reaction::Insert`] with the step 0.
+const INSERT: u8 = 16;
+
+impl Reaction {
+    const fn number(self) -> u8 {
+        match self {
+            Self::Suspend => 0,
+            Self::Cancel => 1,
+            Self::EndScript => 2,
+            Self::Flag => 3,
+            Self::Insert(step) => INSERT + step,
+        }
+    }
+
+    fn of_number(number: u8) -> Option<Self> {
+        Some(match number {
+            0 => Self::Suspend,
+            1 => Self::Cancel,
+            2 => Self::EndScript,
+            3 => Self::Flag,
+            _ => Self::Insert(
+                number
+                    .checked_sub(INSERT)
+                    .filter(|step| usize::from(*step) < MAX_SCRIPT_STEPS)?,
+            ),
+        })
+    }
+}
+
+impl Watch {
+    /// Its bytes in a [`Call`]: situation, reaction, bits of the value, little endian. A step that
+    /// a reaction inserts is below [`MAX_SCRIPT_STEPS`].
+    pub fn to_bytes(self) -> [u8; WATCH_BYTES] {
+        let [a, b, c, d] = self.value.to_le_bytes();
+        [self.situation as u8, self.reaction.number(), a, b, c, d]
+    }
+
+    /// Reads its bytes. None where they are none, or the value is negative or no number.
+    pub fn of_bytes([situation, reaction, value @ ..]: [u8; WATCH_BYTES]) -> Option<Self> {
+        let value = f32::from_le_bytes(value);
+        let situation = Situation::ALL.get(usize::from(situation)).copied()?;
+        (value.is_finite() && value >= 0.0).then_some(Self {
+            situation,
+            value,
+            reaction: Reaction::of_number(reaction)?,
+        })
+    }
+}
+
+/// What stands on the list, as [`Response::BehaviourList`](crate::message::Response::BehaviourList)
+/// says it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ListEntry {
+    /// Names it in requests.
+    pub key: u16,
+    /// The lower half of the hash of its task's signature; 0 of IDLE and REMOTE_CONTROL.
+    pub task: u16,
+    /// Its state in figure 2, as the book numbers them.
+    pub state: u8,
+    /// Who has put it there.
+    pub origin: Origin,
+    /// It was suspended by hand.
+    pub is_held: bool,
+}
+
+/// Who has put a behaviour onto the list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// A task state of the mission.
+    Mission = 0,
+    /// A request.
+    Link = 1,
+    /// The script.
+    Script = 2,
+    /// It is REMOTE_CONTROL.
+    Remote = 3,
+    /// It is IDLE.
+    Idle = 4,
+}
+
+impl Origin {
+    const ALL: [Self; 5] = [
+        Self::Mission,
+        Self::Link,
+        Self::Script,
+        Self::Remote,
+        Self::Idle,
+    ];
+}
+
+/// Bytes of a [`ListEntry`].
+pub const ENTRY_BYTES: usize = 6;
+const HELD: u8 = 0x80;
+
+impl ListEntry {
+    /// Its bytes: key and task, little endian, state, origin, whose top bit says that it is held.
+    pub const fn to_bytes(self) -> [u8; ENTRY_BYTES] {
+        let [key_low, key_high] = self.key.to_le_bytes();
+        let [task_low, task_high] = self.task.to_le_bytes();
+        let held = if self.is_held { HELD } else { 0 };
+        let origin = self.origin as u8 | held;
+        [key_low, key_high, task_low, task_high, self.state, origin]
+    }
+
+    /// Reads its bytes. None where the origin is none.
+    pub fn of_bytes([a, b, c, d, state, origin]: [u8; ENTRY_BYTES]) -> Option<Self> {
+        Some(Self {
+            key: u16::from_le_bytes([a, b]),
+            task: u16::from_le_bytes([c, d]),
+            state,
+            origin: Origin::ALL.get(usize::from(origin & !HELD)).copied()?,
+            is_held: origin & HELD != 0,
+        })
+    }
+}
+
+/// How a script is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ScriptStatus {
+    /// Which one; 0 where none was run.
+    pub script: u32,
+    /// How many steps it has.
+    pub steps: u8,
+    /// How many of them have ended.
+    pub ended: u8,
+    /// What it does.
+    pub state: ScriptState,
+}
+
+/// What a script does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ScriptState {
+    /// None was run.
+    #[default]
+    None,
+    /// A step is on the list.
+    Runs,
+    /// It is suspended.
+    Suspended,
+    /// All steps have ended.
+    Done,
+    /// A step has failed, a situation has ended it, or it was ended by hand.
+    Ended,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn situations_are_read_as_they_were_written() {
+        for situation in Situation::ALL {
+            for reaction in [
+                Reaction::Suspend,
+                Reaction::Cancel,
+                Reaction::EndScript,
+                Reaction::Flag,
+                Reaction::Insert(0),
+                Reaction::Insert(15),
+            ] {
+                let watch = Watch {
+                    situation,
+                    value: 1.5,
+                    reaction,
+                };
+                assert_eq!(Watch::of_bytes(watch.to_bytes()), Some(watch));
+            }
+        }
+        let good = Watch {
+            situation: Situation::Near,
+            value: 0.0,
+            reaction: Reaction::Cancel,
+        };
+        let bytes = good.to_bytes();
+        for (place, byte) in [
+            (0, 5),
+            (1, 4),
+            (1, 15),
+            (1, 32),
+            (5, 0x7f),
+            (5, 0xff),
+            (5, 0xbf),
+        ] {
+            let mut bad = bytes;
+            bad[place] = byte;
+            if place == 5 {
+                bad[4] = 0x80;
+            }
+            assert_eq!(Watch::of_bytes(bad), None, "{place}: {byte}");
+        }
+    }
+
+    #[test]
+    fn entries_are_read_as_they_were_written() {
+        for origin in Origin::ALL {
+            for is_held in [false, true] {
+                let entry = ListEntry {
+                    key: 0x1234,
+                    task: 0xfedc,
+                    state: 3,
+                    origin,
+                    is_held,
+                };
+                assert_eq!(ListEntry::of_bytes(entry.to_bytes()), Some(entry));
+            }
+        }
+        assert_eq!(ListEntry::of_bytes([0, 0, 0, 0, 0, 5]), None);
+    }
+}

@@ -1,0 +1,108 @@
+//! A behaviour that no task state has put onto the list, but a command or a script.
+
+use super::command::Call;
+use super::list::{BehaviourList, Key};
+use super::place::{Around, Place, Turn};
+use super::repertoire::Repertoire;
+use super::watches::{Reactions, Seen, Watches};
+use crate::declaration::Params;
+use crate::tasks::{Pose, Ranges, Twist};
+use esm_link::behaviours::Origin;
+use esm_link::message::LinkError;
+
+/// What the owner of the list finds in one activation.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Surroundings<'a> {
+    /// Where the robot is, if anybody knows.
+    pub(super) pose: Option<Pose>,
+    /// What is around the robot; none where nobody knows.
+    pub(super) ranges: Option<&'a Ranges>,
+    /// Of the battery, in volts, if anybody knows.
+    pub(super) battery_v: Option<f32>,
+    /// Time between two activations, in microseconds.
+    pub(super) period_us: u32,
+    /// Nominal start of this one, on the robot's clock.
+    pub(super) robot_us: u64,
+}
+
+/// A behaviour on the list that its owner executes.
+#[derive(Debug)]
+pub(super) struct Inserted<R> {
+    pub(super) key: Key,
+    pub(super) origin: Origin,
+    task: u16,
+    law: R,
+    params: Params,
+    place: Place,
+    watches: Watches,
+    is_suspended: bool,
+}
+
+impl<R: Repertoire> Inserted<R> {
+    /// Comes onto the list.
+    ///
+    /// # Errors
+    /// [`LinkError::NotABehaviour`], [`LinkError::ListFull`], [`LinkError::NoBehaviours`] where
+    /// nobody knows where the robot is.
+    pub(super) fn new(
+        list: &mut BehaviourList,
+        call: &Call,
+        origin: Origin,
+        at_head: bool,
+        pose: Option<Pose>,
+    ) -> Result<Self, LinkError> {
+        let mut law = R::of_task(call.task).ok_or(LinkError::NotABehaviour)?;
+        let pose = pose.ok_or(LinkError::NoBehaviours)?;
+        let task = call.task as u16;
+        let key = if at_head {
+            list.insert_at_head(task)
+        } else {
+            list.insert_at_tail(task)
+        };
+        let key = key.map_err(|_| LinkError::ListFull)?;
+        Ok(Self {
+            key,
+            origin,
+            task,
+            place: Place::at(key, law.law().centre(pose, &call.params)),
+            law,
+            params: call.params,
+            watches: Watches::new(call.watches),
+            is_suspended: true,
+        })
+    }
+
+    /// Looks for its situations, takes part in the list, and in its turn says how to move.
+    pub(super) fn step(
+        &mut self,
+        list: &mut BehaviourList,
+        around: &Surroundings<'_>,
+    ) -> (Turn, Reactions) {
+        let asked = if self.is_suspended {
+            Twist::STILL
+        } else {
+            self.place.asked()
+        };
+        let reactions = self.watches.look(&Seen {
+            pose: around.pose.map(|pose| self.place.see(pose)),
+            asked,
+            ranges: around.ranges,
+            battery_v: around.battery_v,
+            period_us: around.period_us,
+        });
+        if reactions.cancel {
+            return (self.place.end(list, false), reactions);
+        }
+        self.place.bar(reactions.suspend);
+        let around = Around {
+            pose: around.pose,
+            ranges: around.ranges,
+            period_us: around.period_us,
+            outside_m: self.params.get(self.law.outside()),
+            task: self.task,
+        };
+        let turn = (self.place).step(Some(list), &around, &self.params, self.law.law());
+        self.is_suspended = turn != Turn::Goes { suspended: false };
+        (turn, reactions)
+    }
+}

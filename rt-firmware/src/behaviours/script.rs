@@ -1,0 +1,262 @@
+//! Scripts: behaviours one after the other, without a mission that says so.
+
+use super::command::Call;
+use super::list::Key;
+use esm_link::behaviours::{MAX_SCRIPT_STEPS, ScriptState, ScriptStatus};
+use esm_link::message::{Capacity, LinkError};
+
+/// The steps of a script, as far as they are there.
+#[derive(Clone, Copy, Debug)]
+struct Steps {
+    script: u32,
+    calls: [Option<Call>; MAX_SCRIPT_STEPS],
+}
+
+impl Steps {
+    const NONE: Self = Self {
+        script: 0,
+        calls: [None; MAX_SCRIPT_STEPS],
+    };
+}
+
+/// The script that runs, and the one whose steps arrive meanwhile.
+#[derive(Debug)]
+pub(super) struct Script {
+    steps: [Steps; 2],
+    /// Which of the two runs.
+    runs: usize,
+    status: ScriptStatus,
+    /// Its step that is on the list.
+    pub(super) current: Option<Key>,
+}
+
+impl Default for Script {
+    fn default() -> Self {
+        Self {
+            steps: [Steps::NONE; 2],
+            runs: 0,
+            status: ScriptStatus::default(),
+            current: None,
+        }
+    }
+}
+
+impl Script {
+    /// How it is.
+    pub(super) fn status(&self) -> ScriptStatus {
+        self.status
+    }
+
+    /// Whether it has not come to its end.
+    pub(super) fn is_under_way(&self) -> bool {
+        matches!(
+            self.status.state,
+            ScriptState::Runs | ScriptState::Suspended
+        )
+    }
+
+    /// Puts a step away until all are there.
+    ///
+    /// # Errors
+    /// [`LinkError::CapacityExceeded`]
+    pub(super) fn put(&mut self, script: u32, index: u8, call: Call) -> Result<(), LinkError> {
+        let Some(arriving) = self.steps.get_mut(1 - self.runs) else {
+            return Err(LinkError::NoScript);
+        };
+        if arriving.script != script {
+            *arriving = Steps {
+                script,
+                ..Steps::NONE
+            };
+        }
+        match arriving.calls.get_mut(usize::from(index)) {
+            Some(place) => {
+                *place = Some(call);
+                Ok(())
+            }
+            None => Err(too_many(index.saturating_add(1))),
+        }
+    }
+
+    /// Begins the script whose steps have arrived: so many, and `all` with those that situations
+    /// insert.
+    ///
+    /// # Errors
+    /// [`LinkError::NoScript`] where some of them are not there, [`LinkError::CapacityExceeded`]
+    pub(super) fn run(&mut self, script: u32, steps: u8, all: u8) -> Result<(), LinkError> {
+        if usize::from(all) > MAX_SCRIPT_STEPS {
+            return Err(too_many(all));
+        }
+        let arrived = (self.steps.get(1 - self.runs)).filter(|steps| steps.script == script);
+        let calls = arrived.and_then(|arrived| arrived.calls.get(..usize::from(all)));
+        let are_there = calls.is_some_and(|calls| calls.iter().all(Option::is_some));
+        if !are_there || steps == 0 || steps > all {
+            return Err(LinkError::NoScript);
+        }
+        self.runs = 1 - self.runs;
+        if let Some(before) = self.steps.get_mut(1 - self.runs) {
+            *before = Steps::NONE;
+        }
+        self.current = None;
+        self.status = ScriptStatus {
+            script,
+            steps,
+            ended: 0,
+            state: ScriptState::Runs,
+        };
+        Ok(())
+    }
+
+    /// The step that is to come onto the list, if one is.
+    pub(super) fn next(&self) -> Option<Call> {
+        let is_due = self.status.state == ScriptState::Runs && self.current.is_none();
+        self.call(self.status.ended).filter(|_| is_due)
+    }
+
+    /// What a step inserts.
+    pub(super) fn call(&self, step: u8) -> Option<Call> {
+        let calls = &self.steps.get(self.runs)?.calls;
+        calls.get(usize::from(step)).copied().flatten()
+    }
+
+    /// Its step is over.
+    pub(super) fn end_step(&mut self, failed: bool) {
+        self.current = None;
+        if failed {
+            self.end();
+        } else {
+            self.status.ended += 1;
+            if self.status.ended == self.status.steps && self.is_under_way() {
+                self.status.state = ScriptState::Done;
+            }
+        }
+    }
+
+    /// It ends here.
+    pub(super) fn end(&mut self) {
+        self.current = None;
+        if self.is_under_way() {
+            self.status.state = ScriptState::Ended;
+        }
+    }
+
+    /// It is suspended, or goes on.
+    ///
+    /// # Errors
+    /// [`LinkError::NoScript`] where none is under way.
+    pub(super) fn hold(&mut self, is_held: bool) -> Result<(), LinkError> {
+        if !self.is_under_way() {
+            return Err(LinkError::NoScript);
+        }
+        self.status.state = if is_held {
+            ScriptState::Suspended
+        } else {
+            ScriptState::Runs
+        };
+        Ok(())
+    }
+}
+
+fn too_many(needed: u8) -> LinkError {
+    LinkError::CapacityExceeded {
+        what: Capacity::ScriptSteps,
+        needed: needed.into(),
+        available: MAX_SCRIPT_STEPS as u32,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::declaration::Params;
+
+    fn call(task: u64) -> Call {
+        Call {
+            task,
+            params: Params::default(),
+            watches: [None; 3],
+        }
+    }
+
+    fn with_steps(count: u8) -> Script {
+        let mut script = Script::default();
+        for index in 0..count {
+            script.put(7, index, call(index.into())).unwrap();
+        }
+        script
+    }
+
+    #[test]
+    fn a_script_runs_only_whole_and_its_steps_follow_each_other() {
+        let mut script = with_steps(3);
+        assert_eq!(script.run(8, 3, 3), Err(LinkError::NoScript));
+        assert_eq!(script.run(7, 3, 4), Err(LinkError::NoScript));
+        assert_eq!(script.run(7, 0, 3), Err(LinkError::NoScript));
+        assert_eq!(script.run(7, 3, 2), Err(LinkError::NoScript));
+        assert_eq!(script.status().state, ScriptState::None);
+        assert_eq!(script.run(7, 2, 3), Ok(()));
+        assert_eq!(script.next(), Some(call(0)));
+        script.current = Some(Key::of_number(5));
+        assert_eq!(script.next(), None, "it is on the list");
+        script.end_step(false);
+        assert_eq!(script.next(), Some(call(1)));
+        script.end_step(false);
+        assert_eq!(
+            (script.next(), script.status().state),
+            (None, ScriptState::Done)
+        );
+        // What ran is no more there to be run once more.
+        assert_eq!(script.run(7, 2, 3), Err(LinkError::NoScript));
+    }
+
+    #[test]
+    fn one_that_arrives_leaves_the_one_that_runs_alone() {
+        let mut script = with_steps(2);
+        script.run(7, 2, 2).unwrap();
+        script.put(9, 0, call(90)).unwrap();
+        assert_eq!(script.next(), Some(call(0)));
+        assert_eq!(script.call(1), Some(call(1)));
+        script.run(9, 1, 1).unwrap();
+        assert_eq!(script.next(), Some(call(90)));
+    }
+
+    #[test]
+    fn steps_of_another_script_are_forgotten() {
+        let mut script = with_steps(2);
+        script.put(8, 0, call(80)).unwrap();
+        assert_eq!(script.run(7, 2, 2), Err(LinkError::NoScript));
+        assert_eq!(script.run(8, 1, 2), Err(LinkError::NoScript));
+        assert_eq!(script.run(8, 1, 1), Ok(()));
+    }
+
+    #[test]
+    fn a_step_that_fails_ends_it_and_a_held_one_goes_on_where_it_was() {
+        let mut script = with_steps(2);
+        assert_eq!(script.hold(true), Err(LinkError::NoScript));
+        script.run(7, 2, 2).unwrap();
+        script.hold(true).unwrap();
+        assert_eq!(script.next(), None);
+        script.hold(false).unwrap();
+        assert_eq!(script.next(), Some(call(0)));
+        script.end_step(true);
+        assert_eq!(script.status().state, ScriptState::Ended);
+        assert_eq!(script.next(), None);
+        assert_eq!(script.hold(false), Err(LinkError::NoScript));
+    }
+
+    #[test]
+    fn there_is_room_for_so_many_steps_and_more_are_refused() {
+        let mut script = with_steps(MAX_SCRIPT_STEPS as u8);
+        let too_many = script.put(7, MAX_SCRIPT_STEPS as u8, call(0));
+        assert!(matches!(
+            too_many,
+            Err(LinkError::CapacityExceeded {
+                needed: 17,
+                available: 16,
+                ..
+            })
+        ));
+        assert!(script.run(7, 16, 17).is_err());
+        assert_eq!(script.run(7, 16, 16), Ok(()));
+    }
+}

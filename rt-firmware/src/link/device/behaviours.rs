@@ -1,0 +1,140 @@
+//! Requests to the list of behaviours: they are looked at here, so that the real-time side gets
+//! nothing that it would have to refuse for what it says.
+
+use super::handler::{Reaction, RequestHandler};
+use crate::behaviours::BehaviourList;
+use crate::behaviours::command::{Call, ListCommand};
+use crate::declaration::{Declaration, Direction, MAX_PARAMS, Params, PortType};
+use crate::features::BEHAVIOURS;
+use crate::ports::Registry;
+use crate::realtime::mailbox::Command;
+use crate::realtime::params;
+use esm_link::behaviours::{
+    self, BehaviourRequest, MAX_DRIVE_M_PER_S, MAX_DRIVE_RAD_PER_S, MAX_DRIVE_US, MAX_WATCHES,
+    PARAM_BYTES, WATCH_BYTES, Watch,
+};
+use esm_link::message::LinkError;
+
+impl RequestHandler<'_, '_> {
+    /// Asks the owner of the list. `None` asks what stands on it.
+    pub(super) fn ask_behaviours<'a>(
+        &mut self,
+        request: Option<&BehaviourRequest<'_>>,
+        now_us: u64,
+    ) -> Reaction<'a> {
+        if !BEHAVIOURS {
+            return Reaction::Answer(Err(LinkError::NotBuiltIn));
+        }
+        let command = match request {
+            None => Ok(ListCommand::Read),
+            Some(request) => command_of(request, self.registry, now_us),
+        };
+        match command {
+            Ok(command) => self.ask(Command::Behaviours(command)),
+            Err(error) => Reaction::Answer(Err(error)),
+        }
+    }
+}
+
+fn command_of(
+    request: &BehaviourRequest<'_>,
+    registry: Registry<'_>,
+    now_us: u64,
+) -> Result<ListCommand, LinkError> {
+    Ok(match *request {
+        BehaviourRequest::InsertAtTail(ref call) => ListCommand::Insert {
+            at_head: false,
+            call: checked(call, registry)?,
+        },
+        BehaviourRequest::InsertAtHead(ref call) => ListCommand::Insert {
+            at_head: true,
+            call: checked(call, registry)?,
+        },
+        BehaviourRequest::Cancel { key } => ListCommand::Cancel(key),
+        BehaviourRequest::Suspend { key } => ListCommand::Hold(key, true),
+        BehaviourRequest::Resume { key } => ListCommand::Hold(key, false),
+        BehaviourRequest::Drive {
+            forward_m_per_s,
+            turn_rad_per_s,
+            until_us,
+        } => {
+            // NaN is within nothing.
+            let is_within = |value: f32, most: f32| (-most..=most).contains(&value);
+            if !is_within(forward_m_per_s, MAX_DRIVE_M_PER_S)
+                || !is_within(turn_rad_per_s, MAX_DRIVE_RAD_PER_S)
+            {
+                return Err(LinkError::TooFast);
+            }
+            if until_us < now_us {
+                return Err(LinkError::Late);
+            }
+            if until_us - now_us > MAX_DRIVE_US {
+                return Err(LinkError::DeadlineTooFar);
+            }
+            ListCommand::Drive {
+                forward_m_per_s,
+                turn_rad_per_s,
+                until_us,
+            }
+        }
+        BehaviourRequest::EndDrive => ListCommand::EndDrive,
+        BehaviourRequest::Step {
+            script,
+            index,
+            ref call,
+        } => ListCommand::Step {
+            script,
+            index,
+            call: checked(call, registry)?,
+        },
+        BehaviourRequest::Run { script, steps, all } => ListCommand::Run { script, steps, all },
+        BehaviourRequest::EndScript => ListCommand::EndScript,
+        BehaviourRequest::SuspendScript => ListCommand::HoldScript(true),
+        BehaviourRequest::ResumeScript => ListCommand::HoldScript(false),
+    })
+}
+
+/// A behaviour of this firmware, with parameters that it takes and situations that there are.
+fn checked(call: &behaviours::Call<'_>, registry: Registry<'_>) -> Result<Call, LinkError> {
+    let bank = registry.find(call.task).ok_or(LinkError::NotABehaviour)?;
+    let declared = registry.declaration(usize::from(bank));
+    let declared = declared
+        .filter(|declared| is_behaviour(declared))
+        .ok_or(LinkError::NotABehaviour)?;
+    let (given, []) = call.params.as_chunks::<PARAM_BYTES>() else {
+        return Err(LinkError::Malformed);
+    };
+    if given.len() != declared.params.len() {
+        return Err(LinkError::Malformed);
+    }
+    let mut bits = [0; MAX_PARAMS];
+    for ((place, given), declared) in bits.iter_mut().zip(given).zip(declared.params) {
+        *place = u32::from_le_bytes(*given);
+        params::check(declared, *place)?;
+    }
+    let (given, []) = call.watches.as_chunks::<WATCH_BYTES>() else {
+        return Err(LinkError::NoSituation);
+    };
+    if given.len() > MAX_WATCHES {
+        return Err(LinkError::NoSituation);
+    }
+    let mut watches = [None; MAX_WATCHES];
+    for (place, given) in watches.iter_mut().zip(given) {
+        *place = Some(Watch::of_bytes(*given).ok_or(LinkError::NoSituation)?);
+    }
+    Ok(Call {
+        task: call.task,
+        params: Params::from(bits),
+        watches,
+    })
+}
+
+/// Whether a task stands on the list: it changes one that it has not made.
+fn is_behaviour(declared: &Declaration) -> bool {
+    let has = |direction| {
+        let mut lists = (declared.ports.iter())
+            .filter(|port| port.type_name() == <BehaviourList as PortType>::NAME);
+        lists.any(|port| port.direction == direction)
+    };
+    has(Direction::InOut) && !has(Direction::Out)
+}
