@@ -4,8 +4,6 @@ use std::fmt::Write as _;
 use std::io::Write;
 
 use clap::Args;
-use rt_firmware::PortType;
-use rt_firmware::behaviours::BehaviourList;
 use serde::Serialize;
 
 use super::console::Console;
@@ -14,7 +12,8 @@ use super::mission::{self, Audience};
 use super::tasks::{self, AskedArgs};
 use crate::host_board::RobotMaker;
 use crate::lang;
-use crate::model::{Direction, Param, ParamType, Task, Value};
+use crate::model::{Param, ParamType, Task, Value};
+use crate::script::is_behaviour;
 
 /// Lists the behaviours of a firmware, what each is for and what parameters it has
 ///
@@ -101,15 +100,6 @@ pub fn execute(
         console.out().write_all(table(&report).as_bytes())?;
     }
     Ok(())
-}
-
-/// Whether a task stands on the list of behaviours: it changes one that it has not made.
-fn is_behaviour(task: &Task) -> bool {
-    let has = |direction| {
-        let mut lists = (task.data.iter()).filter(|port| port.type_name == BehaviourList::NAME);
-        lists.any(|port| port.direction == direction)
-    };
-    has(Direction::InOut) && !has(Direction::Out)
 }
 
 fn behaviour(task: &Task) -> Behaviour<'_> {

@@ -39,6 +39,7 @@ pub mod recording;
 pub mod samples;
 pub mod scenario;
 pub mod schedule;
+pub mod script;
 pub mod sim;
 mod superstates;
 pub mod table;

@@ -95,6 +95,16 @@ pub fn load_files(files: &[(&str, &[u8])]) -> Checked {
     check(path, &Memory::new(files)).unwrap_or_else(|_| load_files(&[("", b"")]))
 }
 
+/// Diagnostics of some files for people: the source line with the place marked, the cause, the fix.
+pub fn messages(files: &[SourceFile], diagnostics: &[Diagnostic], colour: bool) -> String {
+    render::for_people(files, diagnostics, colour)
+}
+
+/// The same for programs, as [`Checked::json_lines`].
+pub fn json_messages(files: &[SourceFile], diagnostics: &[Diagnostic]) -> String {
+    render::json_lines(files, diagnostics)
+}
+
 /// Whether a text can be the name of something: an identifier that is not reserved.
 pub fn is_name(text: &str) -> bool {
     let mut lexer = lexer::Lexer::new(text);

@@ -1,0 +1,211 @@
+use esm_link::behaviours::{MAX_SCRIPT_STEPS, Reaction, Situation, Watch};
+
+use super::*;
+use crate::lang;
+use crate::model::Task;
+
+const TASKS: &str = "\
+task Owner { out data made: BehaviourList; inout data list: BehaviourList optional; }
+task GoTo { inout data list: BehaviourList optional; out flag failed; param x_m: f32; param y_m: f32 = 0.0 min -5.0 max 5.0; }
+task TurnTo { inout data list: BehaviourList optional; param angle_rad: f32 = 1.5; param times: u32 = 1; param left: bool = true; }
+task Other { out flag near; }
+";
+
+fn tasks() -> Vec<Task> {
+    lang::load_text("tasks.esm", TASKS).model.unwrap().tasks
+}
+
+fn script(text: &str) -> Script {
+    let reading = read("a.script", text, &tasks());
+    assert_eq!(reading.diagnostics, []);
+    reading.script.unwrap()
+}
+
+/// Code, line and column, and message of what is wrong.
+fn wrong(text: &str) -> Vec<(String, u32, u32, String)> {
+    let reading = read("a.script", text, &tasks());
+    assert_eq!(reading.script, None);
+    let positions = lang::Positions::new(&reading.files);
+    let told = reading.diagnostics.iter().map(|found| {
+        let place = positions.of(found.span);
+        (found.code.to_string(), place.line, place.col, found.text())
+    });
+    told.collect()
+}
+
+#[test]
+fn a_line_is_a_behaviour_with_its_parameters_and_situations() {
+    let script = script(
+        "// Out, and back.\n\
+         go_to x_m = 2.5, y_m = -1 unless near range_m = 0.3 -> suspend // careful\n\
+         \n\
+         TurnTo left = false unless stuck after_s = 2 -> insert go_to x_m = 1 unless low_battery below_v = 6.6->end\n\
+         turn times = 3\n",
+    );
+    assert_eq!(script.steps, 3);
+    let names: Vec<_> = (script.all.iter())
+        .map(|step| (&*step.name, step.line))
+        .collect();
+    assert_eq!(
+        names,
+        [("GoTo", 2), ("TurnTo", 4), ("TurnTo", 5), ("GoTo", 4)]
+    );
+    let params = |step: usize| script.all[step].params().collect::<Vec<_>>();
+    assert_eq!(params(0), [2.5_f32.to_bits(), (-1.0_f32).to_bits()]);
+    assert_eq!(params(1), [1.5_f32.to_bits(), 1, 0]);
+    assert_eq!(params(2), [1.5_f32.to_bits(), 3, 1]);
+    let watches = |step: usize| script.all[step].watches().collect::<Vec<_>>();
+    let watch = |situation, value, reaction| Watch {
+        situation,
+        value,
+        reaction,
+    };
+    assert_eq!(watches(0), [watch(Situation::Near, 0.3, Reaction::Suspend)]);
+    assert_eq!(
+        watches(1),
+        [
+            watch(Situation::Stuck, 2.0, Reaction::Insert(3)),
+            watch(Situation::LowBattery, 6.6, Reaction::EndScript)
+        ]
+    );
+    let task = &tasks()[1];
+    assert_eq!(script.all[0].call().task, signature_hash(task));
+}
+
+#[test]
+fn a_mistake_has_a_place_a_cause_and_a_fix() {
+    for (text, expected) in [
+        ("go_too x_m = 1", ("E002", 1, 1, "did you mean `go_to`?")),
+        ("other", ("E002", 1, 1, "it has go_to, turn_to")),
+        ("owner", ("E002", 1, 1, "no behaviour `owner`")),
+        ("\n go_to", ("E009", 2, 2, "write `x_m = …`")),
+        (
+            "go_to x_m = 1, x_n = 2",
+            ("E002", 1, 16, "did you mean `x_m`?"),
+        ),
+        ("go_to x_m = 1, x_m = 2", ("E003", 1, 16, "given twice")),
+        (
+            "go_to x_m = 1, y_m = 5.1",
+            ("E009", 1, 22, "it takes -5 to 5"),
+        ),
+        ("go_to x_m = NaN", ("E009", 1, 13, "a number is expected")),
+        ("go_to x_m = inf", ("E009", 1, 13, "a number is expected")),
+        (
+            "turn times = 1.5",
+            ("E009", 1, 14, "a whole number from 0 on"),
+        ),
+        ("turn left = 1", ("E009", 1, 13, "`true` or `false`")),
+        ("go_to x_m 1", ("E001", 1, 7, "write `name = value`")),
+        (
+            "go_to x_m = 1 y_m = 2",
+            ("E001", 1, 15, "between parameters stands a comma"),
+        ),
+        ("go_to x_m = 1,", ("E001", 1, 15, "a parameter is expected")),
+        (
+            "go_to x_m = 1 unless",
+            ("E001", 1, 21, "a situation is missing"),
+        ),
+        (
+            "turn unless nearr range_m = 1 -> end",
+            ("E002", 1, 13, "did you mean `near`?"),
+        ),
+        (
+            "turn unless near range = 1 -> end",
+            ("E002", 1, 18, "it has range_m"),
+        ),
+        (
+            "turn unless near -> end",
+            ("E009", 1, 13, "`range_m` of `near` has no value"),
+        ),
+        (
+            "turn unless near range_m = -1 -> end",
+            ("E009", 1, 28, "from 0 on"),
+        ),
+        (
+            "turn unless near range_m = 1",
+            ("E001", 1, 29, "suspend, cancel, end, flag, insert"),
+        ),
+        (
+            "turn unless near range_m = 1 ->",
+            ("E001", 1, 32, "a reaction is missing"),
+        ),
+        (
+            "turn unless near range_m = 1 -> stopp",
+            ("E002", 1, 33, "there is no reaction `stopp`"),
+        ),
+        (
+            "turn unless near range_m = 1 -> insert",
+            ("E001", 1, 39, "a behaviour is missing"),
+        ),
+        ("", ("E001", 1, 1, "no step")),
+        ("// nothing", ("E001", 1, 1, "no step")),
+        ("\u{1}", ("E002", 1, 1, "no behaviour")),
+    ] {
+        let told = wrong(text);
+        let [(code, line, col, message)] = &told[..] else {
+            panic!("{text}: {told:?}");
+        };
+        let (expected_code, expected_line, expected_col, part) = expected;
+        let place = (code.as_str(), *line, *col);
+        assert_eq!(
+            place,
+            (expected_code, expected_line, expected_col),
+            "{text}: {message}"
+        );
+        assert!(message.contains(part), "{text}: {message}");
+    }
+}
+
+#[test]
+fn each_line_with_a_mistake_is_told() {
+    let told = wrong("go_too\nturn\nturn tim = 1\n");
+    let lines: Vec<_> = told.iter().map(|(_, line, ..)| *line).collect();
+    assert_eq!(lines, [1, 3]);
+}
+
+#[test]
+fn a_script_may_have_as_many_steps_as_a_robot_has_room_for() {
+    let most = "turn\n".repeat(MAX_SCRIPT_STEPS);
+    assert_eq!(script(&most).all.len(), MAX_SCRIPT_STEPS);
+    let more = most + "turn unless stuck after_s = 1 -> insert turn\n";
+    let told = wrong(&more);
+    assert!(told[0].3.contains("18 steps"), "{told:?}");
+    let told = wrong(&("turn ".to_owned() + &"unless near range_m = 1 -> flag ".repeat(4)));
+    assert!(told[0].3.contains("room for 3"), "{told:?}");
+}
+
+#[test]
+fn a_name_is_of_what_is_sent() {
+    let ids = [
+        "turn",
+        "turn times = 2",
+        "turn\nturn",
+        "turn unless near range_m = 1 -> flag",
+    ]
+    .map(|text| script(text).id());
+    for (place, id) in ids.iter().enumerate() {
+        assert!(!ids[..place].contains(id) && *id != 0);
+    }
+    assert_eq!(
+        script("turn").id(),
+        script("  turn_to  angle_rad=1.5 // so").id()
+    );
+}
+
+#[test]
+fn one_line_is_one_behaviour() {
+    let tasks = tasks();
+    let script = read_line(
+        "argument",
+        "go_to x_m = 1 unless near range_m = 1 -> cancel",
+        &tasks,
+    );
+    assert_eq!(script.script.unwrap().all.len(), 1);
+    for text in [
+        "",
+        "turn\nturn",
+        "turn unless near range_m = 1 -> insert turn",
+    ] {
+        assert_eq!(read_line("argument", text, &tasks).script, None, "{text}");
+    }
+}
