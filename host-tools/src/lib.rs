@@ -14,7 +14,7 @@ pub use esm_client::{
 };
 pub use esm_toolkit::{
     boards, bound, clean, compile, counters, diagram, fit, inspect, language_server, model,
-    nearest, odometry, parameters, pictures, schedule, sim, task_page, timetable, trace,
+    nearest, odometry, parameters, pictures, schedule, script, sim, task_page, timetable, trace,
     trace_events, world,
 };
 

@@ -15,7 +15,8 @@ use crate::boards::Board;
 use crate::clean::counted;
 use crate::compile::{CompileError, NameTable};
 use crate::fit;
-use crate::lang::{self, Checked, Code, Folded, LoadError};
+use crate::lang::{self, Checked, Code, Diagnostic, Folded, LoadError};
+use crate::model::SourceFile;
 use crate::schedule::Schedule;
 use crate::time::work_limit;
 use crate::trace::directory::Directory;
@@ -111,6 +112,16 @@ pub fn tell_unused(checked: &Checked, console: &mut Console) -> usize {
         all += count;
     }
     all
+}
+
+/// Tells a person what was found in some files that are no mission.
+pub fn tell_found(files: &[SourceFile], diagnostics: &[Diagnostic], console: &mut Console) {
+    let text = lang::messages(files, diagnostics, console.colour_error());
+    tell_person(
+        &text,
+        diagnostics.iter().map(|found| found.code).min(),
+        console,
+    );
 }
 
 /// Tells a person all diagnostics, those of libraries included.

@@ -28,6 +28,7 @@ pub mod console;
 pub mod diff;
 pub mod difference;
 pub mod draw;
+pub mod drive;
 pub mod exit;
 pub mod expected;
 pub mod explain;
@@ -51,6 +52,7 @@ pub mod replay;
 pub mod robot;
 pub mod run;
 pub mod schedule;
+pub mod script;
 mod sensors;
 pub mod sim;
 pub mod stage;
@@ -147,6 +149,8 @@ pub enum Command {
     Key(key::KeyArgs),
     Tasks(tasks::TasksArgs),
     Behaviours(behaviours::BehavioursArgs),
+    Script(script::ScriptArgs),
+    Drive(drive::DriveArgs),
 }
 
 /// Runs the command with the arguments and the streams of this process. The board `host` has the
@@ -241,6 +245,8 @@ pub fn execute(
         Command::Key(args) => key::execute(args, console),
         Command::Tasks(args) => tasks::execute(args, robot, console),
         Command::Behaviours(args) => behaviours::execute(args, robot, console),
+        Command::Script(args) => script::execute(args, robot, console),
+        Command::Drive(args) => drive::execute(args, console),
     }
 }
 

@@ -19,7 +19,7 @@ use crate::lang;
 use crate::link_client::{LinkClient, RobotInfo};
 use crate::lockstep::pace::Pace;
 use crate::lockstep::plant_side::PlantSide;
-use crate::model::Model;
+use crate::model::{Model, Task};
 use crate::plant::{BodyParameters, Plant};
 use crate::run::board::{LinkWay, RunningBoard};
 use crate::task_page;
@@ -169,7 +169,11 @@ pub fn declarations(
     ask(&mut client, &info)
 }
 
-fn ask(robot: &mut Robot, info: &RobotInfo) -> Result<(String, String), CommandError> {
+/// What a robot declares, and which robot it is.
+///
+/// # Errors
+/// If it does not say.
+pub fn ask(robot: &mut Robot, info: &RobotInfo) -> Result<(String, String), CommandError> {
     let mut text = String::new();
     for index in 0..info.task_types {
         let declaration = robot.task_declaration(index)?;
@@ -179,6 +183,19 @@ fn ask(robot: &mut Robot, info: &RobotInfo) -> Result<(String, String), CommandE
         text,
         format!("{} on the board {}", info.firmware, info.board),
     ))
+}
+
+/// The tasks that a firmware has declared in a text.
+///
+/// # Errors
+/// If the text is none that a firmware says; that was told.
+pub fn declared_in(text: &str, console: &mut Console) -> Result<Vec<Task>, CommandError> {
+    let checked = lang::load_text("tasks.esm", text);
+    mission::tell(&checked, Audience::Person, console)?;
+    match checked.model {
+        Some(model) => Ok(model.tasks),
+        None => Err(CommandError::Told),
+    }
 }
 
 fn write_page(

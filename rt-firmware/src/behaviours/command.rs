@@ -37,13 +37,14 @@ pub enum ListCommand {
     Cancel(u16),
     /// Suspend a behaviour, or resume it.
     Hold(u16, bool),
-    /// Move by hand, until a time on the robot's clock.
+    /// Move by hand, until a time.
     Drive {
         /// Ahead, in metres per second.
         forward_m_per_s: f32,
         /// To the left, in radians per second.
         turn_rad_per_s: f32,
-        /// The last microsecond at which it holds.
+        /// The last microsecond at which it holds: on the board's clock as the link brings it, then
+        /// in robot time, by which slots start.
         until_us: u64,
     },
     /// Move by hand no more.

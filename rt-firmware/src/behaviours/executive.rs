@@ -58,7 +58,7 @@ task! {
             /// What is around it.
             in ranges: Ranges optional within 200 ms;
             /// The battery, for who watches it.
-            in battery: Battery optional within 1 s;
+            in battery: Battery optional;
         }
         flags {
             /// Nobody is on the list, or IDLE executes.

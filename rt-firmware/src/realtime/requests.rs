@@ -6,7 +6,7 @@ use super::params::SavedParams;
 use super::safe_state::is_stop_pressed;
 use super::{RealTime, params};
 use crate::behaviours::command::{Answer, ListCommand};
-use crate::board::{Board, microseconds, ticks};
+use crate::board::{Board, ticks};
 use crate::features::{BEHAVIOURS, PARAMS, TELEMETRY};
 use crate::realtime::mailbox::{Command, Content, Posted, Reply};
 use esm_link::message::{LinkError, Mode};
@@ -56,10 +56,14 @@ impl<'m> RealTime<'_, 'm> {
     fn ask_behaviours<B: Board>(
         &mut self,
         content: &'m mut Content<'m>,
-        command: ListCommand,
+        mut command: ListCommand,
         now_ticks: u64,
     ) {
-        let now_us = microseconds(now_ticks, B::TICKS_PER_US);
+        // The host goes by the board's clock, tasks by the nominal starts of their slots.
+        let now_us = self.timetable.robot_us_at::<B>(now_ticks);
+        if let ListCommand::Drive { until_us, .. } = &mut command {
+            *until_us = self.timetable.robot_us_at::<B>(ticks::<B>(*until_us));
+        }
         match self.execution.behaviours().put(command, now_us) {
             Ok(()) => {
                 let until_ticks = now_ticks + ticks::<B>(BEHAVIOURS_ANSWER_US);

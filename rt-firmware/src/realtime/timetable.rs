@@ -7,7 +7,7 @@ use esm_core::dispatcher::{self, Near, SlotQueue};
 use esm_core::tables::Tables;
 
 use super::limits::IDLE_POLL_US;
-use crate::board::{ActivationStart, Board, ticks, ticks_between};
+use crate::board::{ActivationStart, Board, microseconds, ticks, ticks_between};
 use crate::features::SPEED;
 
 /// How long activations may follow one another, each looked up after the one before, without a look
@@ -182,6 +182,12 @@ impl<'m> Timetable<'m> {
             ticks: self.origin.ticks + ticks::<B>(start_us),
             us: self.robot_us(start_us),
         }
+    }
+
+    /// The robot time at a time of the board's clock, which is not before the origin.
+    pub(super) fn robot_us_at<B: Board>(&self, clock_ticks: u64) -> u64 {
+        let since_ticks = clock_ticks.saturating_sub(self.origin.ticks);
+        self.robot_us(microseconds(since_ticks, B::TICKS_PER_US))
     }
 
     /// Whether this slot runs the interpreter.

@@ -20,6 +20,7 @@ macro_rules! mutant {
     };
 }
 
+pub mod behaviours;
 pub mod error;
 mod log_frames;
 pub mod log_lines;
@@ -35,6 +36,7 @@ mod upload;
 
 use std::time::{Duration, Instant};
 
+use esm_link::behaviours::BehaviourRequest;
 use esm_link::access::{
     Access, MAX_PROVEN_BYTES, MAX_SIGNED_BYTES, NO_UPLOAD, Needs, may_be_proven, needs,
 };
@@ -1061,7 +1063,9 @@ impl<L: ByteLink> LinkClient<L> {
                 Err(LinkError::Busy | LinkError::NoAnswer) if patience.lasts() => {
                     self.pause(name, BUSY_WAIT, &mut patience)?;
                 }
-                Err(LinkError::Late) if patience.is_fresh(self.clock.now()) => {
+                Err(LinkError::Late)
+                    if patience.is_fresh(self.clock.now()) && !has_its_own_time(&request) =>
+                {
                     self.pause(name, BUSY_WAIT, &mut patience)?;
                 }
                 // Somebody else has sent it a wrong signature.
@@ -1403,6 +1407,14 @@ fn numbers_of(what: u16, mission: u32, numbers: &[u16]) -> Vec<u8> {
 fn is_command(request: &Request<'_>) -> bool {
     needs(request) == Needs::Key
         && !matches!(request, Request::InstallKey { .. } | Request::RemoveKey)
+}
+
+/// Whether it says by itself until when it holds: sent anew, it would come later still.
+fn has_its_own_time(request: &Request<'_>) -> bool {
+    matches!(
+        request,
+        Request::Behaviours(BehaviourRequest::Drive { .. })
+    )
 }
 
 /// Whether the robot keeps something in its flash before it answers. An emergency stop is among

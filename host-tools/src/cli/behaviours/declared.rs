@@ -1,37 +1,13 @@
-//! `esm behaviours`: the behaviours of a firmware.
+//! The behaviours that a firmware declares.
 
 use std::fmt::Write as _;
-use std::io::Write;
 
-use clap::Args;
 use serde::Serialize;
 
-use super::console::Console;
-use super::exit::CommandError;
-use super::mission::{self, Audience};
-use super::tasks::{self, AskedArgs};
-use crate::host_board::RobotMaker;
-use crate::lang;
+use crate::cli::console::Console;
+use crate::cli::exit::CommandError;
 use crate::model::{Param, ParamType, Task, Value};
 use crate::script::is_behaviour;
-
-/// Lists the behaviours of a firmware, what each is for and what parameters it has
-///
-/// Asks the robot at PORT, or else a board that is started for the question.
-#[derive(Debug, Args)]
-#[command(after_help = "\
-Examples:
-  esm behaviours --board host
-  esm behaviours --port /dev/ttyACM0 --json")]
-pub struct BehavioursArgs {
-    #[command(flatten)]
-    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
-    pub asked: AskedArgs,
-
-    /// One JSON object, for programs
-    #[arg(long)]
-    pub json: bool,
-}
 
 /// What `--json` prints.
 #[derive(Debug, Serialize)]
@@ -72,34 +48,26 @@ enum Number {
     F32(f32),
 }
 
-/// Runs the command. `robot` is what the board `host` has.
+/// Tells what behaviours a firmware has.
 ///
 /// # Errors
-/// What kept it from ending well.
-pub fn execute(
-    args: &BehavioursArgs,
-    robot: RobotMaker,
+/// If that cannot be told.
+pub(super) fn tell(
+    firmware: &str,
+    tasks: &[Task],
+    json: bool,
     console: &mut Console,
 ) -> Result<(), CommandError> {
-    let (text, firmware) = tasks::declarations(&args.asked, robot, console)?;
-    let checked = lang::load_text("tasks.esm", &text);
-    mission::tell(&checked, Audience::Person, console)?;
-    let Some(model) = &checked.model else {
-        return Err(CommandError::Told);
-    };
-    let behaviours = model.tasks.iter().filter(|task| is_behaviour(task));
+    let behaviours = tasks.iter().filter(|task| is_behaviour(task));
     let report = Report {
-        firmware: &firmware,
+        firmware,
         behaviours: behaviours.map(behaviour).collect(),
     };
-    if args.json {
-        let mut line = serde_json::to_string(&report).map_err(std::io::Error::from)?;
-        line.push('\n');
-        console.out().write_all(line.as_bytes())?;
+    if json {
+        console.json_line(&report)
     } else {
-        console.out().write_all(table(&report).as_bytes())?;
+        console.text(&table(&report))
     }
-    Ok(())
 }
 
 fn behaviour(task: &Task) -> Behaviour<'_> {

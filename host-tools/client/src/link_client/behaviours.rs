@@ -1,0 +1,149 @@
+//! The list of behaviours: what stands there, what is inserted, and driving by hand.
+
+use std::time::{Duration, Instant};
+
+use esm_link::behaviours::{
+    BehaviourRequest, Call, ENTRY_BYTES, ListEntry, MAX_DRIVE_US, ScriptStatus,
+};
+use esm_link::message::{Request, Response};
+
+use super::{ClientError, LinkClient};
+use crate::serial::ByteLink;
+
+/// Where a behaviour comes onto the list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// Before all others, which go on afterwards.
+    Head,
+    /// Behind all others.
+    Tail,
+}
+
+/// What a robot says of its list of behaviours.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Listed {
+    /// How its script is.
+    pub script: ScriptStatus,
+    /// What stands there, the head first.
+    pub entries: Vec<ListEntry>,
+}
+
+impl<L: ByteLink> LinkClient<L> {
+    /// What stands on the list of behaviours.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`NoBehaviours`](esm_link::message::LinkError::NoBehaviours)
+    /// where nobody owns a list.
+    pub fn behaviour_list(&mut self) -> Result<Listed, ClientError> {
+        self.ask(
+            "list behaviours",
+            Request::BehaviourList,
+            |response| match response {
+                Response::BehaviourList { script, entries } => {
+                    let (entries, []) = entries.as_chunks::<ENTRY_BYTES>() else {
+                        return None;
+                    };
+                    let entries = entries.iter().map(|bytes| ListEntry::of_bytes(*bytes));
+                    let entries = entries.collect::<Option<_>>()?;
+                    Some(Listed { script, entries })
+                }
+                _ => None,
+            },
+        )
+    }
+
+    /// Inserts a behaviour. Answers its key.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`ListFull`](esm_link::message::LinkError::ListFull) and
+    /// others.
+    pub fn insert_behaviour(&mut self, end: End, call: Call<'_>) -> Result<u16, ClientError> {
+        let request = match end {
+            End::Head => BehaviourRequest::InsertAtHead(call),
+            End::Tail => BehaviourRequest::InsertAtTail(call),
+        };
+        let request = Request::Behaviours(request);
+        self.ask("insert the behaviour", request, |response| match response {
+            Response::Behaviour { key } => Some(key),
+            _ => None,
+        })
+    }
+
+    /// Changes the list, where there is nothing to be answered but that it is done.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn change_behaviours(&mut self, request: BehaviourRequest<'_>) -> Result<(), ClientError> {
+        self.ask_to_do(
+            "change the list of behaviours",
+            Request::Behaviours(request),
+        )
+    }
+}
+
+/// How long the robot's clock is believed before it is asked again.
+const BELIEVED: Duration = Duration::from_secs(10);
+
+/// Drives a robot by hand: knows what its clock says, so that no movement lasts longer than it
+/// should, however long it was on its way.
+#[derive(Debug, Default)]
+pub struct Pilot {
+    /// What the robot's clock said, and when its answer was here.
+    read: Option<(u64, Instant)>,
+}
+
+impl Pilot {
+    /// Moves like this from now on, for [`MAX_DRIVE_US`] at most: ahead in metres per second, to
+    /// the left in radians per second.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`Late`](esm_link::message::LinkError::Late) where it came too
+    /// late, with [`TooFast`](esm_link::message::LinkError::TooFast) and others.
+    pub fn drive<L: ByteLink>(
+        &mut self,
+        robot: &mut LinkClient<L>,
+        forward_m_per_s: f32,
+        turn_rad_per_s: f32,
+    ) -> Result<(), ClientError> {
+        let (robot_us, at) = self.read(robot)?;
+        // What the clock said was true when the answer began, which was earlier: so the movement
+        // ends a little earlier than it may.
+        let since = robot.clock().now().saturating_duration_since(at);
+        let since_us = u64::try_from(since.as_micros()).unwrap_or(u64::MAX);
+        let driven = robot.change_behaviours(BehaviourRequest::Drive {
+            forward_m_per_s,
+            turn_rad_per_s,
+            until_us: robot_us
+                .saturating_add(since_us)
+                .saturating_add(MAX_DRIVE_US),
+        });
+        if driven.is_err() {
+            self.read = None;
+        }
+        driven
+    }
+
+    /// Drives no more: what was interrupted goes on.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn end<L: ByteLink>(&mut self, robot: &mut LinkClient<L>) -> Result<(), ClientError> {
+        robot.change_behaviours(BehaviourRequest::EndDrive)
+    }
+
+    fn read<L: ByteLink>(
+        &mut self,
+        robot: &mut LinkClient<L>,
+    ) -> Result<(u64, Instant), ClientError> {
+        let now = robot.clock().now();
+        if let Some(read) = self.read
+            && now.saturating_duration_since(read.1) < BELIEVED
+        {
+            return Ok(read);
+        }
+        let robot_us = robot.robot_us()?;
+        let read = (robot_us, robot.clock().now());
+        self.read = Some(read);
+        Ok(read)
+    }
+}
