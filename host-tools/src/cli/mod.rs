@@ -22,6 +22,7 @@ pub mod blackbox;
 pub mod board;
 pub mod bound;
 pub mod build;
+pub mod by_hand;
 pub mod check;
 pub mod confirm;
 pub mod console;

@@ -11,6 +11,7 @@ use rt_firmware::body::SONARS;
 use thiserror::Error;
 
 use super::argument::{Time, TimeError};
+use super::by_hand::{self, ByHandArgs};
 use super::console::{self, Console, Progress};
 use super::exit::CommandError;
 use super::kept_values::KeptValues;
@@ -102,6 +103,10 @@ pub struct RunArgs {
     /// Does not start where a slot that one mission shares with the next cannot go on as it runs
     #[arg(long, requires = "then")]
     pub no_gap: bool,
+
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub by_hand: ByHandArgs,
 
     /// Directory for the pictures: the path over the map and the states over time, as SVG and PNG
     #[arg(long, value_name = "DIR")]
@@ -335,6 +340,7 @@ fn keep_files(args: &RunArgs) -> Result<(), CommandError> {
         &args.replay,
         &args.world,
         &args.sensors,
+        &args.by_hand.script,
         &args.flash,
         &key,
         &args.firmware,
@@ -432,6 +438,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
             (None, None) => None,
         },
         sensors,
+        by_hand: by_hand::planned(&args.by_hand, &args.file, console)?,
         sonar_breaks: args.breaks.iter().map(|broken| broken.0).collect(),
     })
 }

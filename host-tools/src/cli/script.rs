@@ -16,7 +16,6 @@ use super::robot::{Robot, RobotArgs};
 use super::tasks::{self, AskedArgs};
 use crate::host_board::RobotMaker;
 use crate::lang;
-use crate::link_client::ClientError;
 use crate::model::Task;
 use crate::script::{Script, read};
 
@@ -211,28 +210,8 @@ fn run(args: &RunArgs, console: &mut Console) -> Result<(), CommandError> {
     let text = text_of(&args.file)?;
     let (mut robot, tasks) = connect(&args.robot, console)?;
     let script = checked(&args.file, &text, &tasks, args.json, console)?;
-    send(&mut robot, &script)?;
+    robot.run_script(&script)?;
     tell_state(&mut robot, args.json, console)
-}
-
-/// Sends a script and begins it.
-///
-/// # Errors
-/// [`ClientError`]; what has arrived by then is not done.
-pub fn send(robot: &mut Robot, script: &Script) -> Result<(), ClientError> {
-    let id = script.id();
-    for (index, step) in (0..).zip(&script.all) {
-        robot.change_behaviours(BehaviourRequest::Step {
-            script: id,
-            index,
-            call: step.call(),
-        })?;
-    }
-    robot.change_behaviours(BehaviourRequest::Run {
-        script: id,
-        steps: script.steps as u8,
-        all: script.all.len() as u8,
-    })
 }
 
 fn change(

@@ -9,6 +9,7 @@ use esm_link::message::{Request, Response};
 
 use super::{ClientError, LinkClient};
 use crate::serial::ByteLink;
+use esm_toolkit::script::Script;
 
 /// Where a behaviour comes onto the list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,6 +79,26 @@ impl<L: ByteLink> LinkClient<L> {
             "change the list of behaviours",
             Request::Behaviours(request),
         )
+    }
+
+    /// Sends a script and begins it, in place of the one before.
+    ///
+    /// # Errors
+    /// [`ClientError`]; what has arrived by then is not done.
+    pub fn run_script(&mut self, script: &Script) -> Result<(), ClientError> {
+        let id = script.id();
+        for (index, step) in (0..).zip(&script.all) {
+            self.change_behaviours(BehaviourRequest::Step {
+                script: id,
+                index,
+                call: step.call(),
+            })?;
+        }
+        self.change_behaviours(BehaviourRequest::Run {
+            script: id,
+            steps: script.steps as u8,
+            all: script.all.len() as u8,
+        })
     }
 }
 

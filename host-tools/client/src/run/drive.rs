@@ -12,6 +12,7 @@ use esm_link::trace::TraceEvent;
 use thiserror::Error;
 
 use super::board::{Board, BoardError, LinkWay, RunningBoard};
+use super::by_hand::{ByHand, Telling};
 use super::mission::{Mission, hash_text};
 use super::story::{Story, Told, safe_reason};
 use super::summary::{EndPose, MissionSummary, Summary};
@@ -100,6 +101,8 @@ pub struct Plan {
     pub sonar_breaks: Vec<SonarBreak>,
     /// What the sonars measure instead of the world. The run ends with it, if not before.
     pub sensors: Option<RecordedRanges>,
+    /// What the list of behaviours is told while it goes.
+    pub by_hand: ByHand,
     /// The flash beside it; without, one that has no mission and lets none of the firmware's own
     /// run.
     pub flash: Option<Flash>,
@@ -141,6 +144,7 @@ impl Plan {
             plant_fault: None,
             sonar_breaks: Vec::new(),
             sensors: None,
+            by_hand: ByHand::default(),
             flash: None,
             key: None,
             cut_link_us: None,
@@ -325,6 +329,8 @@ struct Driver<W> {
     silent_answers: u32,
     /// Whether a mission wants to hear of the host, and from which robot time on it does not.
     calls: bool,
+    /// What the list of behaviours is told.
+    telling: Telling,
     cut_link_us: Option<u64>,
     /// Whether somebody wants to have the robot's flash from run to run.
     keeps_flash: bool,
@@ -414,6 +420,7 @@ impl<W: Write> Driver<W> {
             last_word: link_start,
             silent_answers: 0,
             calls,
+            telling: plan.by_hand.into(),
             cut_link_us: plan.cut_link_us,
             keeps_flash,
             last_call: link_start,
@@ -451,6 +458,7 @@ impl<W: Write> Driver<W> {
             self.link(|robot| robot.listen(LISTEN_TIME))?;
             self.take_events(watch)?;
             self.call()?;
+            self.tell()?;
             self.tell_of_no_end(watch);
             if self.story.has_ended() || self.story.fault().is_some() || self.is_over_in_silence() {
                 return Ok(false);
@@ -518,6 +526,16 @@ impl<W: Write> Driver<W> {
         }
         self.last_call = self.robot.clock().now();
         self.link(|robot| robot.status())?;
+        Ok(())
+    }
+
+    /// Tells the list of behaviours what is due.
+    fn tell(&mut self) -> Result<(), RunError> {
+        let robot_us = self.pace.robot_us();
+        // Nothing is left of the telling if it fails, for the run ends then.
+        let mut telling = std::mem::take(&mut self.telling);
+        self.link(|robot| telling.tell(robot, robot_us))?;
+        self.telling = telling;
         Ok(())
     }
 

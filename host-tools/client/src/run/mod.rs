@@ -1,6 +1,7 @@
 //! The main job: a mission on a board, in a world, from the compiler to the summary.
 
 pub mod board;
+pub mod by_hand;
 pub mod drive;
 pub mod mission;
 pub mod story;

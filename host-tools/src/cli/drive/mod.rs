@@ -66,7 +66,12 @@ pub struct DriveArgs {
 
     /// A movement, without a terminal: metres per second ahead, a comma, radians per second to the
     /// left
-    #[arg(long, value_name = "AHEAD,LEFT", requires = "time", allow_hyphen_values = true, value_parser = twist)]
+    #[arg(
+        long,
+        value_name = "AHEAD,LEFT",
+        requires = "time",
+        allow_hyphen_values = true
+    )]
     pub twist: Option<Twist>,
 
     /// How long it moves so, such as '2 s'
@@ -83,28 +88,6 @@ fn within<const MOST: u32>(text: &str) -> Result<f32, String> {
     match text.parse::<f32>() {
         Ok(value) if value > 0.0 && value <= MOST as f32 => Ok(value),
         _ => Err(format!("a number above 0, {MOST} at most")),
-    }
-}
-
-/// Reads a movement.
-fn twist(text: &str) -> Result<Twist, String> {
-    let parts = text.split_once(',').or_else(|| text.split_once(' '));
-    let number = |text: &str| text.trim().parse::<f32>().ok();
-    let read = parts.and_then(|(ahead, left)| Some((number(ahead)?, number(left)?)));
-    let is_within = |value: f32, most: f32| (-most..=most).contains(&value);
-    match read {
-        Some((ahead_m_per_s, left_rad_per_s))
-            if is_within(ahead_m_per_s, MAX_DRIVE_M_PER_S)
-                && is_within(left_rad_per_s, MAX_DRIVE_RAD_PER_S) =>
-        {
-            Ok(Twist {
-                ahead_m_per_s,
-                left_rad_per_s,
-            })
-        }
-        _ => Err(format!(
-            "two numbers: metres per second ahead, {MAX_DRIVE_M_PER_S} at most, and radians per second to the left, {MAX_DRIVE_RAD_PER_S} at most, such as 0.2,0.5"
-        )),
     }
 }
 
@@ -191,7 +174,7 @@ fn from_lines(hand: &Hand, interrupt: Interrupt) -> Result<(), CommandError> {
         match read.recv_timeout(LOOK) {
             Ok(Ok(line)) => {
                 number += 1;
-                match twist(line.trim()) {
+                match line.trim().parse() {
                     Ok(twist) => hand.ask(Some(twist)),
                     Err(expected) => {
                         break Err(CommandError::Input(anyhow!(
@@ -330,22 +313,6 @@ mod tests {
                 expected,
                 "{code:?}"
             );
-        }
-    }
-
-    #[test]
-    fn a_movement_is_two_numbers_that_a_robot_may_be_driven_by() {
-        let is = |ahead_m_per_s, left_rad_per_s| {
-            Ok(Twist {
-                ahead_m_per_s,
-                left_rad_per_s,
-            })
-        };
-        assert_eq!(twist("0.2,-0.5"), is(0.2, -0.5));
-        assert_eq!(twist("-2 , 6.3"), is(-2.0, 6.3));
-        assert_eq!(twist("0.1 0"), is(0.1, 0.0));
-        for text in ["", "1", "1,", "NaN,0", "0,inf", "2.1,0", "0,6.4", "1,2,3"] {
-            assert!(twist(text).is_err(), "{text}");
         }
     }
 }

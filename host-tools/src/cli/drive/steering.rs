@@ -1,5 +1,6 @@
 //! What keys mean, and for how long.
 
+use std::str::FromStr;
 use std::time::Duration;
 
 use esm_link::behaviours::{MAX_DRIVE_M_PER_S, MAX_DRIVE_RAD_PER_S};
@@ -40,6 +41,32 @@ pub struct Twist {
     pub ahead_m_per_s: f32,
     /// In radians per second.
     pub left_rad_per_s: f32,
+}
+
+impl FromStr for Twist {
+    type Err = String;
+
+    /// Two numbers, with a comma or a space between.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once(',').or_else(|| text.split_once(' '));
+        let number = |text: &str| text.trim().parse::<f32>().ok();
+        let read = parts.and_then(|(ahead, left)| Some((number(ahead)?, number(left)?)));
+        let is_within = |value: f32, most: f32| (-most..=most).contains(&value);
+        match read {
+            Some((ahead_m_per_s, left_rad_per_s))
+                if is_within(ahead_m_per_s, MAX_DRIVE_M_PER_S)
+                    && is_within(left_rad_per_s, MAX_DRIVE_RAD_PER_S) =>
+            {
+                Ok(Self {
+                    ahead_m_per_s,
+                    left_rad_per_s,
+                })
+            }
+            _ => Err(format!(
+                "two numbers: metres per second ahead, {MAX_DRIVE_M_PER_S} at most, and radians per second to the left, {MAX_DRIVE_RAD_PER_S} at most, such as 0.2,0.5"
+            )),
+        }
+    }
 }
 
 /// What the person wants.
@@ -167,5 +194,22 @@ mod tests {
         }
         let slowest = steering.wanted(at(0)).unwrap().ahead_m_per_s;
         assert!((slowest - 0.02).abs() < 1e-6, "{slowest}");
+    }
+
+    #[test]
+    fn a_movement_is_two_numbers_that_a_robot_may_be_driven_by() {
+        let is = |ahead_m_per_s, left_rad_per_s| {
+            Ok(Twist {
+                ahead_m_per_s,
+                left_rad_per_s,
+            })
+        };
+        let read = str::parse::<Twist>;
+        assert_eq!(read("0.2,-0.5"), is(0.2, -0.5));
+        assert_eq!(read("-2 , 6.3"), is(-2.0, 6.3));
+        assert_eq!(read("0.1 0"), is(0.1, 0.0));
+        for text in ["", "1", "1,", "NaN,0", "0,inf", "2.1,0", "0,6.4", "1,2,3"] {
+            assert!(read(text).is_err(), "{text}");
+        }
     }
 }

@@ -1,0 +1,85 @@
+//! What a run tells the list of behaviours while it goes: a script, movements by hand.
+
+use crate::link_client::behaviours::Pilot;
+use crate::link_client::{ClientError, LinkClient};
+use crate::serial::ByteLink;
+use esm_toolkit::script::Script;
+
+/// Robot time between two movements that are sent, in microseconds.
+const DRIVE_INTERVAL_US: u64 = 100_000;
+
+/// A robot steered by hand for a while.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Driven {
+    /// Robot time at which it begins, in microseconds.
+    pub from_us: u64,
+    /// Robot time at which it ends.
+    pub to_us: u64,
+    /// Ahead, in metres per second.
+    pub forward_m_per_s: f32,
+    /// To the left, in radians per second.
+    pub turn_rad_per_s: f32,
+}
+
+/// What the list of behaviours is told.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ByHand {
+    /// A script, and the robot time at which it is sent.
+    pub script: Option<(u64, Script)>,
+    /// Movements, in the order of their times.
+    pub driven: Vec<Driven>,
+}
+
+/// How far that has come.
+#[derive(Debug, Default)]
+pub(super) struct Telling {
+    rest: ByHand,
+    pilot: Pilot,
+    /// When a movement was sent last, in robot time, since one began.
+    sent_us: Option<u64>,
+}
+
+impl From<ByHand> for Telling {
+    fn from(rest: ByHand) -> Self {
+        Self {
+            rest,
+            ..Self::default()
+        }
+    }
+}
+
+impl Telling {
+    /// Tells what is due at this robot time.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub(super) fn tell<L: ByteLink>(
+        &mut self,
+        robot: &mut LinkClient<L>,
+        robot_us: u64,
+    ) -> Result<(), ClientError> {
+        if let Some((_, script)) = self.rest.script.take_if(|(at_us, _)| *at_us <= robot_us) {
+            robot.run_script(&script)?;
+        }
+        let Some(driven) = self.rest.driven.first().copied() else {
+            return Ok(());
+        };
+        if driven.to_us <= robot_us {
+            self.rest.driven.remove(0);
+            if self.sent_us.take().is_some() {
+                self.pilot.end(robot)?;
+            }
+            return Ok(());
+        }
+        let next_us = match self.sent_us {
+            None => driven.from_us,
+            Some(sent_us) => sent_us.saturating_add(DRIVE_INTERVAL_US),
+        };
+        if next_us <= robot_us {
+            self.sent_us = Some(robot_us);
+            self.pilot
+                .drive(robot, driven.forward_m_per_s, driven.turn_rad_per_s)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,144 @@
+//! What a run tells the list of behaviours while it goes, as a person writes it.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use anyhow::anyhow;
+use clap::Args;
+use thiserror::Error;
+
+use super::argument::{Time, TimeError};
+use super::console::Console;
+use super::drive::steering::Twist;
+use super::exit::CommandError;
+use super::script;
+use crate::lang;
+use crate::run::by_hand::{ByHand, Driven};
+
+/// When a script is sent: the mission that runs has made its list by then.
+const SCRIPT_AT_US: u64 = 500_000;
+
+/// What the list of behaviours is told.
+#[derive(Debug, Args)]
+pub struct ByHandArgs {
+    /// Sends a script of behaviours after half a second of robot time, which a task `Behaviours` of
+    /// the mission does
+    #[arg(long, value_name = "FILE", conflicts_with = "replay")]
+    pub script: Option<PathBuf>,
+
+    /// Steers by hand from one robot time to another: metres per second ahead, a comma, radians per
+    /// second to the left. May be given several times
+    #[arg(
+        long,
+        value_name = "'FROM TO AHEAD,LEFT'",
+        conflicts_with = "replay",
+        allow_hyphen_values = true
+    )]
+    pub drive: Vec<Steered>,
+}
+
+/// A robot steered by hand, as a person writes it: `2 s 5 s 0.2,0.5`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Steered(pub Driven);
+
+/// Why a text is no [`Steered`].
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum SteeredError {
+    /// Other words, or in another order.
+    #[error("write two times and a movement, as in '2 s 5 s 0.2,0.5'")]
+    Form,
+    /// What stands for a time is none.
+    #[error(transparent)]
+    Time(#[from] TimeError),
+    /// It ends before it begins.
+    #[error("the second time is not behind the first")]
+    Backwards,
+    /// What stands for the movement is none.
+    #[error("{0}")]
+    Twist(String),
+}
+
+impl FromStr for Steered {
+    type Err = SteeredError;
+
+    fn from_str(text: &str) -> Result<Self, SteeredError> {
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let [from, from_unit, to, to_unit, twist] = words[..] else {
+            return Err(SteeredError::Form);
+        };
+        let from: Time = format!("{from} {from_unit}").parse()?;
+        let to: Time = format!("{to} {to_unit}").parse()?;
+        if to.us <= from.us {
+            return Err(SteeredError::Backwards);
+        }
+        let twist: Twist = twist.parse().map_err(SteeredError::Twist)?;
+        Ok(Self(Driven {
+            from_us: from.us,
+            to_us: to.us,
+            forward_m_per_s: twist.ahead_m_per_s,
+            turn_rad_per_s: twist.left_rad_per_s,
+        }))
+    }
+}
+
+/// What is told in a run of a mission, whose tasks the script is checked against.
+///
+/// # Errors
+/// The script has mistakes, which are told, or movements overlap.
+pub fn planned(
+    args: &ByHandArgs,
+    mission: &Path,
+    console: &mut Console,
+) -> Result<ByHand, CommandError> {
+    let mut driven: Vec<Driven> = args.drive.iter().map(|steered| steered.0).collect();
+    driven.sort_by_key(|driven| driven.from_us);
+    let overlap = |pair: &[Driven]| matches!(pair, [a, b] if b.from_us < a.to_us);
+    if driven.windows(2).any(overlap) {
+        return Err(CommandError::Usage(anyhow!(
+            "two movements of --drive are at one time"
+        )));
+    }
+    let script = match &args.script {
+        None => None,
+        Some(file) => {
+            let text = script::text_of(file)?;
+            let checked = lang::load(mission).map_err(|error| CommandError::Input(error.into()))?;
+            // Its mistakes have been told when it was compiled.
+            let model = checked.model.ok_or(CommandError::Told)?;
+            let script = script::checked(file, &text, &model.tasks, false, console)?;
+            Some((SCRIPT_AT_US, script))
+        }
+    };
+    Ok(ByHand { script, driven })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steering_is_two_times_and_a_movement() {
+        let driven = |from_us, to_us, forward_m_per_s, turn_rad_per_s| {
+            Ok(Steered(Driven {
+                from_us,
+                to_us,
+                forward_m_per_s,
+                turn_rad_per_s,
+            }))
+        };
+        assert_eq!(
+            "2 s 5500 ms 0.2,-0.5".parse(),
+            driven(2_000_000, 5_500_000, 0.2, -0.5)
+        );
+        for text in [
+            "",
+            "2 s 5 s",
+            "5 s 2 s 0.2,0.5",
+            "2 s 2 s 0,0",
+            "2 s 5 s 3,0",
+            "2 s 5 k 0,0",
+        ] {
+            assert!(text.parse::<Steered>().is_err(), "{text}");
+        }
+    }
+}
