@@ -532,6 +532,9 @@ impl<W: Write> Driver<W> {
     /// Tells the list of behaviours what is due.
     fn tell(&mut self) -> Result<(), RunError> {
         let robot_us = self.pace.robot_us();
+        if self.cut_link_us.is_some_and(|at_us| robot_us >= at_us) {
+            return Ok(());
+        }
         // Nothing is left of the telling if it fails, for the run ends then.
         let mut telling = std::mem::take(&mut self.telling);
         self.link(|robot| telling.tell(robot, robot_us))?;
