@@ -5,7 +5,6 @@
 //! those bytes, for this once ([`Request::Signed`]). What only reads is open to everyone, and so
 //! are [`Request::Stop`] and [`Request::EmergencyStop`]: whoever sees a robot do harm may stop it.
 
-use crate::behaviours::BehaviourRequest;
 pub use crate::credentials::{
     Access, KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
 };
@@ -92,9 +91,7 @@ pub fn needs(request: &Request<'_>) -> Needs {
         Request::Sign { .. } | Request::Signed { .. } => Needs::Session,
         // Many in a second: a signature each would take longer than they hold, and they hold for a
         // moment alone.
-        Request::Behaviours(BehaviourRequest::Drive { .. } | BehaviourRequest::EndDrive) => {
-            Needs::Session
-        }
+        Request::Drive { .. } | Request::EndDrive => Needs::Session,
         // Standing still is safe.
         Request::Stop | Request::EmergencyStop => Needs::Nothing,
         Request::Commit(_)

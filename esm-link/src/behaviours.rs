@@ -1,5 +1,5 @@
-//! What a host asks of the list of behaviours: to insert one, to take one off, to drive by hand, to
-//! run a script.
+//! What a host asks of the list of behaviours: to insert one, to take one off, to run a
+//! script, to drive by hand.
 //!
 //! The list is that of the task `Behaviours` of the mission that runs. It does what it is asked in
 //! the next activation of its slot.
@@ -47,18 +47,6 @@ pub enum BehaviourRequest<'a> {
         /// As the list says.
         key: u16,
     },
-    /// REMOTE_CONTROL: move like this, before all others, which resume when the time is over.
-    Drive {
-        /// Ahead, in metres per second.
-        forward_m_per_s: f32,
-        /// To the left, in radians per second.
-        turn_rad_per_s: f32,
-        /// The last microsecond on the robot's clock at which it holds, at most [`MAX_DRIVE_US`]
-        /// ahead.
-        until_us: u64,
-    },
-    /// REMOTE_CONTROL ends.
-    EndDrive,
     /// A step of a script, which is put away until all are there.
     Step {
         /// Which script: what is put away of another is forgotten.

@@ -170,11 +170,11 @@ fn movements_by_hand_that_are_none_too_fast_or_stale_do_nothing() {
     with_robot("missions/by_hand.esm", |robot| {
         let mut drive = |forward_m_per_s, turn_rad_per_s, ahead_us: i64| {
             let now_us = robot.robot_us().unwrap();
-            robot.change_behaviours(BehaviourRequest::Drive {
+            robot.drive_until(
                 forward_m_per_s,
                 turn_rad_per_s,
-                until_us: now_us.saturating_add_signed(ahead_us),
-            })
+                now_us.saturating_add_signed(ahead_us),
+            )
         };
         let none = f32::NAN;
         for (forward, turn, ahead_us, expected) in [
@@ -341,7 +341,7 @@ fn requests_at_random_and_at_full_rate_miss_no_slot() {
                 3 | 4 => BehaviourRequest::Cancel { key },
                 5 => BehaviourRequest::Suspend { key },
                 6 => BehaviourRequest::Resume { key },
-                7 => BehaviourRequest::EndDrive,
+                7 => BehaviourRequest::EndScript,
                 8 | 9 => BehaviourRequest::Step {
                     script: 1,
                     index: random.below(18) as u8,
@@ -354,11 +354,17 @@ fn requests_at_random_and_at_full_rate_miss_no_slot() {
                 },
                 11 => BehaviourRequest::SuspendScript,
                 12 => BehaviourRequest::ResumeScript,
-                _ => BehaviourRequest::Drive {
-                    forward_m_per_s: edges[random.below(edges.len())],
-                    turn_rad_per_s: edges[random.below(edges.len())],
-                    until_us: now_us + random.below(400_000) as u64,
-                },
+                _ => {
+                    let drive = robot.drive_until(
+                        edges[random.below(edges.len())],
+                        edges[random.below(edges.len())],
+                        now_us + random.below(400_000) as u64,
+                    );
+                    if let Err(error) = drive {
+                        error.refusal().unwrap();
+                    }
+                    BehaviourRequest::EndScript
+                }
             };
             // A key comes back from inserts, which is another answer than the others have.
             match robot.change_behaviours(request) {

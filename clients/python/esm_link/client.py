@@ -1,9 +1,10 @@
 """A session with a robot (sections 4, 6 and 10 of docs/link.md)."""
 
+import struct
 import time
 import zlib
 from dataclasses import dataclass
-from typing import Callable, Dict, Iterator, List, Optional, Tuple
+from typing import Callable, Dict, Iterator, List, Optional, Sequence, Tuple, Union
 
 from . import messages
 from .frames import DELIMITER, FrameReader, encode
@@ -11,7 +12,7 @@ from .keys import LAST_NUMBER, NO_UPLOAD, Key, OwnerSession, command_message, id
 from .messages import Answer, Error, Malformed, Part, Raw
 from .trace import Assembler
 from .upload import Loss, Standing
-from .values import Field, Sample, ask_fields, ask_values, fields_of, part_of, sample_of
+from .values import Field, Sample, ask_fields, ask_values, fields_of, param_bits, part_of, sample_of
 
 FIRST_WAIT_S = 0.3
 SHORTEST_WAIT_S = 0.04
@@ -28,6 +29,11 @@ SILENT_DEADLINE_S = 6.0
 NOISY_DEADLINE_S = 30.0
 # A robot does not do what it is asked for after nobody waits for it any more: a client gives up no sooner.
 COMMAND_TIME_US = int(SILENT_DEADLINE_S * 1_000_000)
+
+# How long a movement by hand may last, and how long the robot's clock is believed before it is asked again.
+DRIVE_US = 300_000
+CLOCK_BELIEVED_S = 10.0
+DRIVE = "drive"
 
 # Before their answers the robot may write its flash.
 KEPT = (
@@ -271,6 +277,8 @@ class Client:
         self._reader = FrameReader()
         self._reply_time = _ReplyTime()
         self._robot: Optional[messages.Hello] = None
+        # What its clock said, and when that was here.
+        self._robot_clock: Optional[Tuple[int, float]] = None
         self._features: Optional[messages.Features] = None
         self._other_version: Optional[int] = None
         #: Requests and chunks that were sent again.
@@ -423,6 +431,47 @@ class Client:
         self.require("params")
         self.require("store")
         return self._command("save params", messages.ParamsSaved, messages.SAVE_PARAMS, mission).count
+
+    def behaviours(self) -> messages.BehaviourList:
+        """What stands on the list of behaviours, and how the script is."""
+        self.require("behaviours")
+        return self._ask("list behaviours", messages.BehaviourList, messages.BEHAVIOUR_LIST)
+
+    def insert_behaviour(self, task: int, params: Sequence[Union[float, int, bool]], at_head: bool = False) -> int:
+        """Inserts a behaviour by the hash of its task's signature, with all its parameters: an `f32` as a float, others as int or bool.
+
+        Returns its key.
+        """
+        self.require("behaviours")
+        call = (messages.U8(1 if at_head else 0), task, param_bits(params), b"")
+        return self._command("insert behaviour", messages.Behaviour, messages.BEHAVIOURS, *call).key
+
+    def cancel_behaviour(self, key: int) -> None:
+        """Takes a behaviour off the list."""
+        self.require("behaviours")
+        self._command("cancel behaviour", messages.Done, messages.BEHAVIOURS, messages.U8(2), key)
+
+    def drive(self, forward_m_per_s: float, turn_rad_per_s: float) -> None:
+        """Moves the robot by hand for 300 ms at most: ask again four times a second or more, as long as it is to last.
+
+        What it is asked for comes before all that it does otherwise, which goes on afterwards.
+        """
+        self.require("behaviours")
+        now = time.monotonic()
+        if self._robot_clock is None or now - self._robot_clock[1] > CLOCK_BELIEVED_S:
+            self._robot_clock = (self.clock(), time.monotonic())
+        robot_us, read = self._robot_clock
+        until_us = robot_us + int((time.monotonic() - read) * 1_000_000) + DRIVE_US
+        speeds = messages.Raw(struct.pack("<ff", forward_m_per_s, turn_rad_per_s))
+        try:
+            self._ask(DRIVE, messages.Done, messages.DRIVE, speeds, until_us)
+        except Refused:
+            self._robot_clock = None
+            raise
+
+    def end_drive(self) -> None:
+        """Drives by hand no more."""
+        self._ask("end drive", messages.Done, messages.END_DRIVE)
 
     def abort(self) -> None:
         self._ask("abort", messages.Done, messages.ABORT)
@@ -827,7 +876,8 @@ class Client:
             is_worth_while = not patience.is_misunderstood
             patience.is_misunderstood = True
         elif body.name == "Late":
-            is_worth_while = patience.is_fresh()
+            # A movement by hand would come later still.
+            is_worth_while = patience.is_fresh() and name != DRIVE
         elif body.name == "NoSession":
             # The robot has started anew, or another session of its owner was opened: this one ends here.
             is_worth_while = self._session is not None and patience.lasts()

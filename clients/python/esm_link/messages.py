@@ -11,7 +11,8 @@ PROTOCOL_VERSION = 4
     PARAM, SET_PARAM, WATCH, SAVE_PARAMS, EMERGENCY_STOP, RELEASE,
     CLOCK, WITHIN, FEATURES, VALUES,
     IDENTIFY, OPEN_SESSION, PROVEN,
-) = range(36)  # fmt: skip
+    BEHAVIOUR_LIST, BEHAVIOURS, DRIVE, END_DRIVE,
+) = range(40)  # fmt: skip
 
 #: `of` in the answer to a message that was no request.
 NO_REQUEST = 255
@@ -21,9 +22,9 @@ NONCE_BYTES = SALT_BYTES = PROOF_BYTES = 16
 KEY_BYTES = 32
 
 # What a robot with a key takes within `Signed` only.
-SIGNED_ONLY = (COMMIT, START, CONFIRM, FALL_BACK, INSTALL_KEY, REMOVE_KEY, SET_PARAM, SAVE_PARAMS, RELEASE)
+SIGNED_ONLY = (COMMIT, START, CONFIRM, FALL_BACK, INSTALL_KEY, REMOVE_KEY, SET_PARAM, SAVE_PARAMS, RELEASE, BEHAVIOURS)
 # What it takes in its owner's session only.
-SESSION_ONLY = (BEGIN, CHUNK, ABORT, CHALLENGE, SIGNED, SIGN)
+SESSION_ONLY = (BEGIN, CHUNK, ABORT, CHALLENGE, SIGNED, SIGN, DRIVE, END_DRIVE)
 # What begins a session, or is no part of one.
 NEVER_PROVEN = (HELLO, IDENTIFY, OPEN_SESSION, PROVEN)
 
@@ -58,13 +59,16 @@ SLOT_STATES = (
     "trial not recorded",
     "given up",
 )
-CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups", "entries in common with the mission before")
+CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups", "entries in common with the mission before", "steps of a script")
 CHANNELS = ("trace", "log", "record", "values")
 ACCESS = ("unsupported", "open", "locked", "unreadable", "recovering", "damaged")
 # Where a robot remembers its owner's key.
 OWNED = ("locked", "recovering")
 # Each by its bit.
-FEATURE_NAMES = ("record", "log", "news", "params", "warm", "keys", "store", "black-box", "telemetry")
+FEATURE_NAMES = ("record", "log", "news", "params", "warm", "keys", "store", "black-box", "telemetry", "behaviours")
+LIFE_STATES = ("INITIAL", "EXECUTE", "SUSPEND", "RESUME", "DESTROY")
+ORIGINS = ("mission", "request", "script", "REMOTE_CONTROL", "IDLE")
+SCRIPT_STATES = ("none", "runs", "suspended", "done", "ended")
 CAUSES = ("begun", "period", "mission", "trial", "mode")
 
 
@@ -424,6 +428,35 @@ class Identity:
 
 
 @dataclass
+class Behaviour:
+    """A behaviour was inserted; `key` names it in requests."""
+
+    key: int
+
+
+@dataclass
+class ListEntry:
+    """A behaviour on the list. `task` is the lower quarter of the hash of its task's signature."""
+
+    key: int
+    task: int
+    state: str
+    origin: str
+    is_held: bool
+
+
+@dataclass
+class BehaviourList:
+    """What stands on the list of behaviours, the head first, and how the last script is."""
+
+    script: int
+    steps: int
+    ended: int
+    state: str
+    entries: List[ListEntry]
+
+
+@dataclass
 class Error:
     """Why a request was not carried out; the fields are named in section 8."""
 
@@ -583,7 +616,20 @@ def _answer(fields: Fields) -> object:
     if kind == 18:
         key, salt, nonce = fields.take(KEY_BYTES), fields.take(SALT_BYTES), fields.take(NONCE_BYTES)
         return Identity(key, salt, nonce, fields.number(64), fields.take(PROOF_BYTES))
+    if kind == 19:
+        return Behaviour(fields.number(16))
+    if kind == 20:
+        script, steps, ended = fields.number(32), fields.u8(), fields.u8()
+        state, entries = fields.one_of(SCRIPT_STATES), fields.bytes()
+        return BehaviourList(script, steps, ended, state, [_list_entry(entries[at : at + 6]) for at in range(0, len(entries) - 5, 6)])
     raise Malformed(f"an answer of kind {kind}")
+
+
+def _list_entry(entry: bytes) -> ListEntry:
+    key, task, state, origin = entry[0] | entry[1] << 8, entry[2] | entry[3] << 8, entry[4], entry[5] & 0x7F
+    if state >= len(LIFE_STATES) or origin >= len(ORIGINS):
+        raise Malformed("a behaviour in no state, or that nobody has put there")
+    return ListEntry(key, task, LIFE_STATES[state], ORIGINS[origin], entry[5] >= 0x80)
 
 
 def _record(record: bytes) -> Record:
@@ -670,6 +716,13 @@ def _error(fields: Fields) -> Error:
         39: "WrongProof",
         41: "DeadlineTooFar",
         43: "StopCame",
+        44: "NoBehaviours",
+        45: "NotABehaviour",
+        46: "ListFull",
+        47: "NotOnList",
+        48: "NoScript",
+        49: "NoSituation",
+        50: "TooFast",
     }
     if kind in plain:
         return Error(plain[kind], {})

@@ -3,7 +3,7 @@
 import re
 import struct
 from dataclasses import dataclass
-from typing import Dict, List, Optional, Tuple, Union
+from typing import Dict, List, Optional, Sequence, Tuple, Union
 
 from .messages import Malformed
 
@@ -16,6 +16,11 @@ FORMATS = {"bool": "<I", "i8": "<i", "i16": "<i", "i32": "<i", "u8": "<I", "u16"
 # And in rows that share words: how, and how many there are in a word.
 ROWS = {"i8": ("<b", 4), "u8": ("<B", 4), "i16": ("<h", 2), "u16": ("<H", 2)}
 LINE = re.compile(r"(\w*):(?:\[(\w+);(\d{1,5})\]|(\w+))")
+
+
+def param_bits(params: Sequence[Value]) -> bytes:
+    """Parameters as a request has them: the bits of each, four bytes."""
+    return b"".join(struct.pack("<f", it) if isinstance(it, float) else struct.pack("<I", int(it) & 0xFFFFFFFF) for it in params)
 
 
 @dataclass

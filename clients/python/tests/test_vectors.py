@@ -73,6 +73,8 @@ class Messages(unittest.TestCase):
 
     def test_requests_are_encoded_as_the_vectors_say(self):
         chunk = bytes((i * 31 + i // 256) % 256 for i in range(176))
+        watches = b"".join(bytes(numbers) + struct.pack("<f", 0.5) for numbers in ((0, 1), (4, 19)))
+        call = (2**64 - 1, values.param_bits([0.25, -1.5]), watches)
         requests = {
             "request hello": (messages.HELLO,),
             "request begin": (messages.BEGIN, 4096, 0xCBF43926),
@@ -113,6 +115,12 @@ class Messages(unittest.TestCase):
             "request open session": (messages.OPEN_SESSION, *(Raw(bytes([byte] * 16)) for byte in (0x66, 0x77, 0x88))),
             "request proven": (messages.PROVEN, 300, Raw(bytes([0x99] * 16)), messages.without_number(messages.STATUS)),
             "request within a time": (messages.WITHIN, 2**40, messages.without_number(messages.START)),
+            "request behaviour list": (messages.BEHAVIOUR_LIST,),
+            "request insert at the tail": (messages.BEHAVIOURS, messages.U8(0), *call),
+            "request insert at the head": (messages.BEHAVIOURS, messages.U8(1), *call[:2], b""),
+            "request cancel": (messages.BEHAVIOURS, messages.U8(2), 300),
+            "request drive": (messages.DRIVE, Raw(struct.pack("<ff", 0.25, -1.5)), 2**40),
+            "request end drive": (messages.END_DRIVE,),
         }
         for name, (kind, *fields) in requests.items():
             with self.subTest(name):
@@ -160,7 +168,14 @@ class Messages(unittest.TestCase):
         self.assertEqual((box.records[1].t_us, box.records[1].large), (70_001 << 24, 300 << 16 | 2))
         features = self.read("answer features").body
         self.assertEqual((features.has("record"), features.has("keys"), features.flash_ms), (True, True, 300))
-        self.assertEqual(features.left_out(), ["log", "news", "params", "warm", "store", "black-box", "telemetry"])
+        self.assertEqual(features.left_out(), ["log", "news", "params", "warm", "store", "black-box", "telemetry", "behaviours"])
+        self.assertEqual(self.read("answer behaviour").body, messages.Behaviour(300))
+        listed = self.read("answer behaviour list").body
+        self.assertEqual((listed.script, listed.steps, listed.ended, listed.state), (0xFEEDBEEF, 8, 2, "suspended"))
+        idle, step = listed.entries
+        self.assertEqual(idle, messages.ListEntry(0, 0, "RESUME", "IDLE", False))
+        self.assertEqual(step, messages.ListEntry(300, 0xABCD, "RESUME", "script", True))
+        self.assertEqual(self.read("answer error too fast").body, Error("TooFast", {}))
         identity = self.read("answer identity").body
         self.assertEqual((identity.key, identity.salt, identity.nonce), (bytes([0x11] * 32), bytes([0x22] * 16), bytes([0x77] * 16)))
         self.assertEqual((identity.counter, identity.proof), (2**40, bytes([0x88] * 16)))

@@ -230,6 +230,19 @@ pub enum Request<'a> {
     BehaviourList,
     /// Change the list of behaviours. Answer: as the request says.
     Behaviours(#[serde(borrow)] BehaviourRequest<'a>),
+    /// REMOTE_CONTROL: move like this, before all behaviours, which resume when the time is over.
+    /// Answer, when it is on the list: [`Response::Done`].
+    Drive {
+        /// Ahead, in metres per second.
+        forward_m_per_s: f32,
+        /// To the left, in radians per second.
+        turn_rad_per_s: f32,
+        /// The last microsecond on the robot's [clock](Request::Clock) at which it holds, at most
+        /// [`MAX_DRIVE_US`](crate::behaviours::MAX_DRIVE_US) ahead.
+        until_us: u64,
+    },
+    /// REMOTE_CONTROL ends. Answer: [`Response::Done`], also where nobody drove.
+    EndDrive,
 }
 
 impl Request<'_> {
@@ -274,6 +287,8 @@ impl Request<'_> {
             Request::Proven { .. } => 35,
             Request::BehaviourList => 36,
             Request::Behaviours(_) => 37,
+            Request::Drive { .. } => 38,
+            Request::EndDrive => 39,
         }
     }
 

@@ -129,7 +129,13 @@ fn the_kind_of_a_request_is_its_number_in_a_message() {
             request: &bytes,
         },
         Request::BehaviourList,
-        Request::Behaviours(BehaviourRequest::EndDrive),
+        Request::Behaviours(BehaviourRequest::EndScript),
+        Request::Drive {
+            forward_m_per_s: 0.0,
+            turn_rad_per_s: 0.0,
+            until_us: 0,
+        },
+        Request::EndDrive,
     ];
     let mut room = [0; MAX_FRAME_BYTES];
     for (request, number) in all.into_iter().zip(0..) {

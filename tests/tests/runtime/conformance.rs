@@ -8,6 +8,10 @@ use esm_link::access::{
     self, Access, KEY_BYTES, NO_UPLOAD, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES,
     SIGNATURE_BYTES, may_be_proven,
 };
+use esm_link::behaviours::{
+    BehaviourRequest, Call, ListEntry, Origin, Reaction, ScriptState, ScriptStatus, Situation,
+    Watch,
+};
 use esm_link::black_box::{Event, Record};
 use esm_link::features::{Feature, Features};
 use esm_link::frame::{
@@ -105,6 +109,24 @@ fn write_frame(text: &mut String, name: &str, message: &impl Serialize) {
 
 fn write_frames(text: &mut String) {
     let chunk = junk(MAX_CHUNK);
+    let params = [0.25_f32, -1.5].map(f32::to_le_bytes);
+    let watches = [
+        (Situation::OutsideRange, Reaction::Cancel),
+        (Situation::Near, Reaction::Insert(3)),
+    ];
+    let watches = watches.map(|(situation, reaction)| {
+        let watch = Watch {
+            situation,
+            value: 0.5,
+            reaction,
+        };
+        watch.to_bytes()
+    });
+    let call = Call {
+        task: u64::MAX,
+        params: params.as_flattened(),
+        watches: watches.as_flattened(),
+    };
     let requests = [
         ("request hello", Request::Hello),
         (
@@ -290,11 +312,86 @@ fn write_frames(text: &mut String) {
                 request: &[7],
             },
         ),
+        ("request behaviour list", Request::BehaviourList),
+        (
+            "request insert at the tail",
+            Request::Behaviours(BehaviourRequest::InsertAtTail(call)),
+        ),
+        (
+            "request insert at the head",
+            Request::Behaviours(BehaviourRequest::InsertAtHead(Call {
+                watches: &[],
+                ..call
+            })),
+        ),
+        (
+            "request cancel",
+            Request::Behaviours(BehaviourRequest::Cancel { key: 300 }),
+        ),
+        (
+            "request suspend",
+            Request::Behaviours(BehaviourRequest::Suspend { key: 1 }),
+        ),
+        (
+            "request resume",
+            Request::Behaviours(BehaviourRequest::Resume { key: 1 }),
+        ),
+        (
+            "request step",
+            Request::Behaviours(BehaviourRequest::Step {
+                script: 0xfeed_beef,
+                index: 15,
+                call,
+            }),
+        ),
+        (
+            "request run",
+            Request::Behaviours(BehaviourRequest::Run {
+                script: 0xfeed_beef,
+                steps: 2,
+                all: 16,
+            }),
+        ),
+        (
+            "request end script",
+            Request::Behaviours(BehaviourRequest::EndScript),
+        ),
+        (
+            "request suspend script",
+            Request::Behaviours(BehaviourRequest::SuspendScript),
+        ),
+        (
+            "request resume script",
+            Request::Behaviours(BehaviourRequest::ResumeScript),
+        ),
+        (
+            "request drive",
+            Request::Drive {
+                forward_m_per_s: 0.25,
+                turn_rad_per_s: -1.5,
+                until_us: 1 << 40,
+            },
+        ),
+        ("request end drive", Request::EndDrive),
     ];
     for ((name, request), seq) in requests.into_iter().zip(0..) {
         write_frame(text, name, &ToDevice { seq, request });
     }
     let part = junk(MAX_PART);
+    let entries = [
+        (0, 0, Origin::Idle, false),
+        (300, 0xabcd, Origin::Script, true),
+    ];
+    let entries = entries.map(|(key, task, origin, is_held)| {
+        let entry = ListEntry {
+            key,
+            task,
+            state: 3,
+            origin,
+            is_held,
+        };
+        entry.to_bytes()
+    });
     let records = [
         Event::Started(ResetReason::Panic),
         Event::Transition {
@@ -352,7 +449,7 @@ fn write_frames(text: &mut String) {
             record_erases: 5,
         }),
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 60] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 70] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
@@ -605,6 +702,34 @@ fn write_frames(text: &mut String) {
                     .with(Feature::Record, true)
                     .with(Feature::Keys, true),
                 flash_ms: 300,
+            }),
+        ),
+        ("behaviour", Ok(Response::Behaviour { key: 300 })),
+        (
+            "behaviour list",
+            Ok(Response::BehaviourList {
+                script: ScriptStatus {
+                    script: 0xfeed_beef,
+                    steps: 8,
+                    ended: 2,
+                    state: ScriptState::Suspended,
+                },
+                entries: entries.as_flattened(),
+            }),
+        ),
+        ("error no behaviours", Err(LinkError::NoBehaviours)),
+        ("error not a behaviour", Err(LinkError::NotABehaviour)),
+        ("error list full", Err(LinkError::ListFull)),
+        ("error not on list", Err(LinkError::NotOnList)),
+        ("error no script", Err(LinkError::NoScript)),
+        ("error no situation", Err(LinkError::NoSituation)),
+        ("error too fast", Err(LinkError::TooFast)),
+        (
+            "error too many steps",
+            Err(LinkError::CapacityExceeded {
+                what: Capacity::ScriptSteps,
+                needed: 17,
+                available: 16,
             }),
         ),
     ];

@@ -578,6 +578,8 @@ pub enum Answer {
     },
     Clock(u64),
     Features,
+    Behaviour(u16),
+    BehaviourList(usize),
 }
 
 impl Answer {
@@ -612,6 +614,8 @@ impl Answer {
             Response::ParamSet { before } => Answer::ParamSet { before },
             Response::Clock { now_us } => Answer::Clock(now_us),
             Response::Features { .. } => Answer::Features,
+            Response::Behaviour { key } => Answer::Behaviour(key),
+            Response::BehaviourList { entries, .. } => Answer::BehaviourList(entries.len()),
         }
     }
 }

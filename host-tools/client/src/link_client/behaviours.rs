@@ -81,6 +81,32 @@ impl<L: ByteLink> LinkClient<L> {
         )
     }
 
+    /// Moves like this until a time on the robot's clock; a [`Pilot`] works out which.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn drive_until(
+        &mut self,
+        forward_m_per_s: f32,
+        turn_rad_per_s: f32,
+        until_us: u64,
+    ) -> Result<(), ClientError> {
+        let request = Request::Drive {
+            forward_m_per_s,
+            turn_rad_per_s,
+            until_us,
+        };
+        self.ask_to_do("drive", request)
+    }
+
+    /// Ends driving by hand.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn end_drive(&mut self) -> Result<(), ClientError> {
+        self.ask_to_do("end the drive", Request::EndDrive)
+    }
+
     /// Sends a script and begins it, in place of the one before.
     ///
     /// # Errors
@@ -131,13 +157,10 @@ impl Pilot {
         // ends a little earlier than it may.
         let since = robot.clock().now().saturating_duration_since(at);
         let since_us = u64::try_from(since.as_micros()).unwrap_or(u64::MAX);
-        let driven = robot.change_behaviours(BehaviourRequest::Drive {
-            forward_m_per_s,
-            turn_rad_per_s,
-            until_us: robot_us
-                .saturating_add(since_us)
-                .saturating_add(MAX_DRIVE_US),
-        });
+        let until_us = robot_us
+            .saturating_add(since_us)
+            .saturating_add(MAX_DRIVE_US);
+        let driven = robot.drive_until(forward_m_per_s, turn_rad_per_s, until_us);
         if driven.is_err() {
             self.read = None;
         }
@@ -149,7 +172,7 @@ impl Pilot {
     /// # Errors
     /// [`ClientError`]
     pub fn end<L: ByteLink>(&mut self, robot: &mut LinkClient<L>) -> Result<(), ClientError> {
-        robot.change_behaviours(BehaviourRequest::EndDrive)
+        robot.end_drive()
     }
 
     fn read<L: ByteLink>(

@@ -39,7 +39,6 @@ use std::time::{Duration, Instant};
 use esm_link::access::{
     Access, MAX_PROVEN_BYTES, MAX_SIGNED_BYTES, NO_UPLOAD, Needs, may_be_proven, needs,
 };
-use esm_link::behaviours::BehaviourRequest;
 use esm_link::black_box::{RECORD_BYTES, Record};
 use esm_link::features::{Feature, Features};
 use esm_link::frame::{self, DELIMITER, FrameReader, MAX_FRAME_BYTES};
@@ -1411,7 +1410,7 @@ fn is_command(request: &Request<'_>) -> bool {
 
 /// Whether it says by itself until when it holds: sent anew, it would come later still.
 fn has_its_own_time(request: &Request<'_>) -> bool {
-    matches!(request, Request::Behaviours(BehaviourRequest::Drive { .. }))
+    matches!(request, Request::Drive { .. })
 }
 
 /// Whether the robot keeps something in its flash before it answers. An emergency stop is among

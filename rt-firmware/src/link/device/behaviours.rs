@@ -13,21 +13,27 @@ use esm_link::behaviours::{
     self, BehaviourRequest, MAX_DRIVE_M_PER_S, MAX_DRIVE_RAD_PER_S, MAX_DRIVE_US, MAX_WATCHES,
     PARAM_BYTES, WATCH_BYTES, Watch,
 };
-use esm_link::message::LinkError;
+use esm_link::message::{LinkError, Request};
 
 impl RequestHandler<'_, '_> {
-    /// Asks the owner of the list. `None` asks what stands on it.
+    /// Asks the owner of the list, at this time on the board's clock.
     pub(super) fn ask_behaviours<'a>(
         &mut self,
-        request: Option<&BehaviourRequest<'_>>,
+        request: &Request<'_>,
         now_us: u64,
     ) -> Reaction<'a> {
         if !BEHAVIOURS {
             return Reaction::Answer(Err(LinkError::NotBuiltIn));
         }
-        let command = match request {
-            None => Ok(ListCommand::Read),
-            Some(request) => command_of(request, self.registry, now_us),
+        let command = match *request {
+            Request::Behaviours(ref request) => command_of(request, self.registry),
+            Request::Drive {
+                forward_m_per_s,
+                turn_rad_per_s,
+                until_us,
+            } => checked_drive(forward_m_per_s, turn_rad_per_s, until_us, now_us),
+            Request::EndDrive => Ok(ListCommand::EndDrive),
+            _ => Ok(ListCommand::Read),
         };
         match command {
             Ok(command) => self.ask(Command::Behaviours(command)),
@@ -39,7 +45,6 @@ impl RequestHandler<'_, '_> {
 fn command_of(
     request: &BehaviourRequest<'_>,
     registry: Registry<'_>,
-    now_us: u64,
 ) -> Result<ListCommand, LinkError> {
     Ok(match *request {
         BehaviourRequest::InsertAtTail(ref call) => ListCommand::Insert {
@@ -53,31 +58,6 @@ fn command_of(
         BehaviourRequest::Cancel { key } => ListCommand::Cancel(key),
         BehaviourRequest::Suspend { key } => ListCommand::Hold(key, true),
         BehaviourRequest::Resume { key } => ListCommand::Hold(key, false),
-        BehaviourRequest::Drive {
-            forward_m_per_s,
-            turn_rad_per_s,
-            until_us,
-        } => {
-            // NaN is within nothing.
-            let is_within = |value: f32, most: f32| (-most..=most).contains(&value);
-            if !is_within(forward_m_per_s, MAX_DRIVE_M_PER_S)
-                || !is_within(turn_rad_per_s, MAX_DRIVE_RAD_PER_S)
-            {
-                return Err(LinkError::TooFast);
-            }
-            if until_us < now_us {
-                return Err(LinkError::Late);
-            }
-            if until_us - now_us > MAX_DRIVE_US {
-                return Err(LinkError::DeadlineTooFar);
-            }
-            ListCommand::Drive {
-                forward_m_per_s,
-                turn_rad_per_s,
-                until_us,
-            }
-        }
-        BehaviourRequest::EndDrive => ListCommand::EndDrive,
         BehaviourRequest::Step {
             script,
             index,
@@ -92,6 +72,31 @@ fn command_of(
         BehaviourRequest::SuspendScript => ListCommand::HoldScript(true),
         BehaviourRequest::ResumeScript => ListCommand::HoldScript(false),
     })
+}
+
+/// A movement that is one, and holds for no longer than it may.
+fn checked_drive(
+    forward_m_per_s: f32,
+    turn_rad_per_s: f32,
+    until_us: u64,
+    now_us: u64,
+) -> Result<ListCommand, LinkError> {
+    // NaN is within nothing.
+    let is_within = |value: f32, most: f32| (-most..=most).contains(&value);
+    if !is_within(forward_m_per_s, MAX_DRIVE_M_PER_S)
+        || !is_within(turn_rad_per_s, MAX_DRIVE_RAD_PER_S)
+    {
+        return Err(LinkError::TooFast);
+    }
+    match until_us.checked_sub(now_us) {
+        None => Err(LinkError::Late),
+        Some(ahead_us) if ahead_us > MAX_DRIVE_US => Err(LinkError::DeadlineTooFar),
+        Some(_) => Ok(ListCommand::Drive {
+            forward_m_per_s,
+            turn_rad_per_s,
+            until_us,
+        }),
+    }
 }
 
 /// A behaviour of this firmware, with parameters that it takes and situations that there are.

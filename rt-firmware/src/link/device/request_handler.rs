@@ -254,8 +254,10 @@ impl RequestHandler<'_, '_> {
             })),
             Request::Features => Reaction::Answer(Ok(self.features(port))),
             Request::Values { ask } => self.ask_values(ask),
-            Request::BehaviourList => self.ask_behaviours(None, port.now_us()),
-            Request::Behaviours(ref request) => self.ask_behaviours(Some(request), port.now_us()),
+            Request::BehaviourList
+            | Request::Behaviours(_)
+            | Request::Drive { .. }
+            | Request::EndDrive => self.ask_behaviours(request, port.now_us()),
             // They hold a plain one, or were looked at before: `allowed` gives nothing else out.
             Request::Signed { .. }
             | Request::Within { .. }
