@@ -12,6 +12,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
 use esm_link::access::Access;
+use esm_link::behaviours::{BehaviourRequest, ListEntry, Origin, ScriptState, ScriptStatus};
 use esm_link::frame::{self, FrameReader, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES};
 use esm_link::message::{
     Capacities, Channel, CrashReport, DeviceInfo, FromDevice, LinkError, Mode, Request, Response,
@@ -741,6 +742,20 @@ impl Liar {
                     carried: 0,
                 })
             }
+            (Request::BehaviourList, _) => {
+                data = listed(&mut self.random);
+                let entries = &data;
+                let script = ScriptStatus::default();
+                Ok(Response::BehaviourList { script, entries })
+            }
+            (
+                Request::Behaviours(
+                    BehaviourRequest::InsertAtTail(_) | BehaviourRequest::InsertAtHead(_),
+                ),
+                _,
+            ) => Ok(Response::Behaviour {
+                key: edge(&mut self.random) as u16,
+            }),
             (Request::Confirm { .. } | Request::FallBack { .. }, _) => {
                 self.on_trial = false;
                 Ok(Response::Done)
@@ -790,6 +805,15 @@ impl Liar {
                 },
                 ..info
             }),
+            (Request::BehaviourList, _) => Response::BehaviourList {
+                script: ScriptStatus {
+                    script: one as u32,
+                    steps: two as u8,
+                    ended: three as u8,
+                    state: ScriptState::Runs,
+                },
+                entries: &data,
+            },
             (Request::Task { .. } | Request::Values { .. }, _) => Response::TaskText {
                 total: match random.below(3) {
                     0 => one as u16,
@@ -989,4 +1013,19 @@ impl ByteLink for Liar {
     fn clock(&self) -> Clock {
         Clock::simulated(self.time.clone())
     }
+}
+
+/// What may stand on a list of behaviours.
+fn listed(random: &mut Random) -> Vec<u8> {
+    let entries = (0..random.below(10)).flat_map(|_| {
+        let entry = ListEntry {
+            key: random.bits() as u16,
+            task: random.bits() as u16,
+            state: random.below(8) as u8,
+            origin: Origin::Mission,
+            is_held: random.below(2) == 0,
+        };
+        entry.to_bytes()
+    });
+    entries.collect()
 }

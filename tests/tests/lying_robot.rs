@@ -21,9 +21,11 @@ use esm_tests::liar::{Honest, Liar, SessionTime, TRIAL_S, Taker};
 use esm_tests::random::Random;
 use esm_tests::subject;
 use host_tools::clean::is_harmful;
+use host_tools::cli::behaviours::Action as ListAction;
 use host_tools::cli::console::Console;
 use host_tools::cli::key::Action as KeyAction;
 use host_tools::cli::param::Action as ParamAction;
+use host_tools::cli::script::Action as ScriptAction;
 use host_tools::cli::{self, Cli, Command};
 use host_tools::host_board;
 use host_tools::keys::SigningKey;
@@ -57,13 +59,24 @@ const LONGEST_TRIAL: Duration = Duration::from_secs(11);
 /// little longer.
 const EARLIER_TRIAL: Duration = Duration::from_secs(TRIAL_S as u64 + 10);
 
-/// Commands, and whether they go on until Ctrl-C. `MISSION`, `KEY`, `OTHER`, `ELF` and `MCAP` are
-/// files.
+/// Commands, and whether they go on until Ctrl-C. `MISSION`, `KEY`, `OTHER`, `ELF`, `MCAP` and
+/// `SCRIPT` are files.
 const COMMANDS: &[(&str, bool)] = &[
     ("status", false),
     ("status --json", false),
     ("tasks", false),
     ("behaviours", false),
+    ("behaviours show", false),
+    ("behaviours show --json", false),
+    ("behaviours insert move", false),
+    ("behaviours cancel 1", false),
+    ("behaviours suspend 1", false),
+    ("behaviours resume 1", false),
+    ("script check SCRIPT", false),
+    ("script run SCRIPT", false),
+    ("script show", false),
+    ("script end", false),
+    ("drive --twist 0.1,0 --for 100ms", false),
     ("record -o MCAP", true),
     ("log --firmware ELF", true),
     ("log --firmware ELF --news 1s", true),
@@ -115,7 +128,23 @@ impl Write for Kept {
 fn give_port(command: &mut Command, port: Port) {
     let robot = match command {
         Command::Tasks(args) => return args.asked.port = Some(port),
-        Command::Behaviours(args) => return args.asked.port = Some(port),
+        Command::Behaviours(args) => match &mut args.action {
+            None => return args.asked.port = Some(port),
+            Some(ListAction::Show(args)) => &mut args.robot,
+            Some(ListAction::Insert(args)) => &mut args.robot,
+            Some(
+                ListAction::Cancel(args) | ListAction::Suspend(args) | ListAction::Resume(args),
+            ) => &mut args.robot,
+        },
+        Command::Script(args) => match &mut args.action {
+            ScriptAction::Check(args) => return args.asked.port = Some(port),
+            ScriptAction::Run(args) => &mut args.robot,
+            ScriptAction::Show(args)
+            | ScriptAction::Suspend(args)
+            | ScriptAction::Resume(args)
+            | ScriptAction::End(args) => &mut args.robot,
+        },
+        Command::Drive(args) => &mut args.robot,
         Command::Key(args) => match &mut args.action {
             KeyAction::Show(args) => return args.port = Some(port),
             KeyAction::Install(args) => &mut args.robot,
@@ -178,13 +207,20 @@ impl Setting {
                 "OTHER" => file("other"),
                 "ELF" => file("elf"),
                 "MCAP" => file("drive.mcap"),
+                "SCRIPT" => {
+                    let script = root().join("missions/square.script");
+                    script.to_str().unwrap().to_owned()
+                }
                 "PARAMETER" => self.parameter.clone(),
                 word => word.to_owned(),
             })
             .collect();
         words.insert(0, "esm".to_owned());
-        let has_key = !matches!(words[1].as_str(), "tasks" | "behaviours")
-            && !matches!(words[1..], [ref key, ref what, ..] if key == "key" && what != "remove");
+        let asked: Vec<&str> = words[1..].iter().map(String::as_str).collect();
+        let has_key = !matches!(
+            asked[..],
+            ["tasks"] | ["behaviours"] | ["script", "check", ..]
+        ) && !matches!(words[1..], [ref key, ref what, ..] if key == "key" && what != "remove");
         words.extend(["--port".to_owned(), "none".to_owned()]);
         if has_key && names_key {
             words.extend(["--key".to_owned(), file("key")]);
