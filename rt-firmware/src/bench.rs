@@ -161,7 +161,7 @@ impl<'a> TaskBench<'a> {
 
     /// What the link asks of the list of behaviours; the next step of its owner does it.
     #[cfg(test)]
-    pub(crate) fn list_command(&mut self, command: crate::behaviours::command::ListCommand) {
+    pub(crate) fn list_command(&mut self, command: crate::list_command::ListCommand) {
         let now_us = self.inputs.now_us;
         let put = self.executor.behaviours().put(command, now_us);
         put.expect("the owner has been there");
@@ -169,7 +169,7 @@ impl<'a> TaskBench<'a> {
 
     /// What came of it.
     #[cfg(test)]
-    pub(crate) fn list_answer(&mut self) -> Option<crate::behaviours::command::Answer> {
+    pub(crate) fn list_answer(&mut self) -> Option<crate::list_command::Answer> {
         self.executor.behaviours().take_answer()
     }
 

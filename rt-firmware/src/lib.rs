@@ -46,6 +46,7 @@ mod emergency_stop;
 pub mod features;
 mod heartbeats;
 pub mod link;
+mod list_command;
 pub mod mission_store;
 pub mod odometry;
 pub mod ports;

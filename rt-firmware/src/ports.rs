@@ -34,13 +34,13 @@ use core::any::TypeId;
 use core::cell::{Cell, UnsafeCell};
 use core::ptr::NonNull;
 
-use crate::behaviours::command::{Answer, CommandBox, ListCommand};
 pub use crate::declaration::ValueKind;
 use crate::declaration::{
     Declaration, Direction, In, InFlag, InOut, Kind, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut,
     Out, OutFlag, Param, ParamType, Params, PortDeclaration, PortType, Step, same_text,
 };
 use crate::features::{MISSIONS, WARM};
+use crate::list_command::{Answer, CommandBox, ListCommand};
 #[cfg(feature = "telemetry")]
 use crate::show::Show;
 use esm_link::message::SafeReason;

@@ -396,7 +396,7 @@ fn speeds(plan: Plan, at_us: &[u64]) -> Vec<f64> {
     };
     let speed = |t_us: u64| {
         let ((from_us, from), (to_us, to)) = (place(t_us), place(t_us + 100_000));
-        from.squared_distance_m2(to).sqrt() / ((to_us - from_us) as f64 / 1e6)
+        libm::sqrt(from.squared_distance_m2(to)) / ((to_us - from_us) as f64 / 1e6)
     };
     at_us.iter().map(|t_us| speed(*t_us)).collect()
 }

@@ -1,6 +1,5 @@
 //! The owner of the list of behaviours.
 
-use super::command::{Answer, Call, ListCommand, MAX_ENTRIES, Report};
 use super::inserted::{Inserted, Surroundings};
 use super::list::{BehaviourList, Key, MAX_BEHAVIOURS};
 use super::place::Turn;
@@ -8,6 +7,7 @@ use super::remote_control::RemoteControl;
 use super::repertoire::Repertoire;
 use super::script::Script;
 use super::shipped::ShippedLaws;
+use crate::list_command::{Answer, Call, ListCommand, MAX_ENTRIES, Report};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};

@@ -1,11 +1,11 @@
 //! A behaviour that no task state has put onto the list, but a command or a script.
 
-use super::command::Call;
 use super::list::{BehaviourList, Key};
 use super::place::{Around, Place, Turn};
 use super::repertoire::Repertoire;
 use super::watches::{Reactions, Seen, Watches};
 use crate::declaration::Params;
+use crate::list_command::Call;
 use crate::tasks::{Pose, Ranges, Twist};
 use esm_link::behaviours::Origin;
 use esm_link::message::LinkError;

@@ -1,6 +1,7 @@
 //! The list of behaviours: who executes, who waits, who was interrupted.
 
 use super::life_cycle::{Cause, LifeState};
+use crate::list_command::LIST_TYPE;
 use crate::show::{Field, Show};
 use crate::task::PortType;
 use crate::tasks::Twist;
@@ -289,7 +290,7 @@ impl BehaviourList {
 }
 
 impl PortType for BehaviourList {
-    const NAME: &'static str = "BehaviourList";
+    const NAME: &'static str = LIST_TYPE;
     const INIT: Self = Self::EMPTY;
 
     const FIELDS: &'static str = "behaviours:u8\nkeys:[u16;9]\nstates:[u8;9]\ntasks:[u16;9]\n";

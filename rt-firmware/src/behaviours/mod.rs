@@ -45,7 +45,6 @@
 //! Source: Schoute, "Behaviour-based control framework for an autonomous mobile robot", sections 3
 //! and 4.
 
-pub mod command;
 mod executive;
 mod go_to;
 mod inserted;

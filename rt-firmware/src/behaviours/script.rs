@@ -1,7 +1,7 @@
 //! Scripts: behaviours one after the other, without a mission that says so.
 
-use super::command::Call;
 use super::list::Key;
+use crate::list_command::Call;
 use esm_link::behaviours::{MAX_SCRIPT_STEPS, ScriptState, ScriptStatus};
 use esm_link::message::{Capacity, LinkError};
 

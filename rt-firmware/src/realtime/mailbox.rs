@@ -7,7 +7,7 @@
 
 use heapless::spsc::Queue;
 
-use crate::behaviours::command::{ListCommand, Report};
+use crate::list_command::{ListCommand, Report};
 use crate::ports::BackgroundRun;
 use crate::realtime::params::SavedParams;
 use crate::realtime::staging::{MappingTable, SpareMemory, StagedMission};

@@ -5,9 +5,9 @@
 use super::params::SavedParams;
 use super::safe_state::is_stop_pressed;
 use super::{RealTime, params};
-use crate::behaviours::command::{Answer, ListCommand};
 use crate::board::{Board, ticks};
 use crate::features::{BEHAVIOURS, PARAMS, TELEMETRY};
+use crate::list_command::{Answer, ListCommand};
 use crate::realtime::mailbox::{Command, Content, Posted, Reply};
 use esm_link::message::{LinkError, Mode};
 

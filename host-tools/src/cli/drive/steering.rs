@@ -134,7 +134,7 @@ impl Steering {
     /// How the robot is to move now; none where nobody wants anything of it, so that what it does
     /// otherwise goes on.
     pub fn wanted(&self, now: Duration) -> Option<Twist> {
-        self.is_pressed(now).then(|| Twist {
+        self.is_pressed(now).then_some(Twist {
             ahead_m_per_s: self.ahead * self.part * self.speed_m_per_s,
             left_rad_per_s: self.left * self.part * self.rate_rad_per_s,
         })

@@ -4,7 +4,7 @@
 //! // Out of the room, and back.
 //! go_to x_m = 2, y_m = 0.5 unless near range_m = 0.3 -> suspend
 //! turn_to angle_rad = 3.1416
-//! go_to x_m = 2 unless stuck after_s = 2 -> insert turn_to angle_rad = 1.57 unless low_battery below_v = 6.6 -> end
+//! go_to x_m = 2 unless stuck after_s = 2 -> insert turn_to unless near range_m = 0.1 -> end
 //! ```
 //!
 //! A line is the name of a behaviour, as the firmware declares it or in small letters, its

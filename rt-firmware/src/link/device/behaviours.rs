@@ -2,10 +2,9 @@
 //! nothing that it would have to refuse for what it says.
 
 use super::handler::{Reaction, RequestHandler};
-use crate::behaviours::BehaviourList;
-use crate::behaviours::command::{Call, ListCommand};
-use crate::declaration::{Declaration, Direction, MAX_PARAMS, Params, PortType};
+use crate::declaration::{Declaration, Direction, MAX_PARAMS, Params};
 use crate::features::BEHAVIOURS;
+use crate::list_command::{Call, LIST_TYPE, ListCommand};
 use crate::ports::Registry;
 use crate::realtime::mailbox::Command;
 use crate::realtime::params;
@@ -137,8 +136,7 @@ fn checked(call: &behaviours::Call<'_>, registry: Registry<'_>) -> Result<Call, 
 /// Whether a task stands on the list: it changes one that it has not made.
 fn is_behaviour(declared: &Declaration) -> bool {
     let has = |direction| {
-        let mut lists = (declared.ports.iter())
-            .filter(|port| port.type_name() == <BehaviourList as PortType>::NAME);
+        let mut lists = (declared.ports.iter()).filter(|port| port.type_name() == LIST_TYPE);
         lists.any(|port| port.direction == direction)
     };
     has(Direction::InOut) && !has(Direction::Out)

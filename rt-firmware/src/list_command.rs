@@ -8,24 +8,27 @@ use esm_link::message::LinkError;
 
 const _: () = assert!(MAX_CALL_PARAMS == crate::declaration::MAX_PARAMS);
 
+/// Name of the type of a list of behaviours.
+pub(crate) const LIST_TYPE: &str = "BehaviourList";
+
 /// The owner of the list asks for commands in each activation. One that has not for so long is not
 /// there, in microseconds.
 const DEAF_US: u64 = 200_000;
 
 /// A behaviour that is to be inserted: looked at, and found to be one of the firmware's.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Call {
+pub(crate) struct Call {
     /// Hash of its task's signature.
-    pub task: u64,
+    pub(crate) task: u64,
     /// Its parameters.
-    pub params: Params,
+    pub(crate) params: Params,
     /// Situations that are watched beside it.
-    pub watches: [Option<Watch>; MAX_WATCHES],
+    pub(crate) watches: [Option<Watch>; MAX_WATCHES],
 }
 
 /// What the list of behaviours is to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum ListCommand {
+pub(crate) enum ListCommand {
     /// Insert a behaviour before the head, or at the tail.
     Insert {
         /// Before the head.
@@ -77,7 +80,7 @@ pub enum ListCommand {
 
 /// What came of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Answer {
+pub(crate) enum Answer {
     /// Done.
     Done,
     /// This is the key of what was inserted.
@@ -89,22 +92,22 @@ pub enum Answer {
 }
 
 /// Places on the list, IDLE's included.
-pub const MAX_ENTRIES: usize = 9;
+pub(crate) const MAX_ENTRIES: usize = 9;
 
 /// What stands on the list, and how the script is.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Report {
+pub(crate) struct Report {
     /// How the script is.
-    pub script: ScriptStatus,
+    pub(crate) script: ScriptStatus,
     /// What stands on the list, as on the link. What is behind `len` means nothing.
-    pub entries: [[u8; ENTRY_BYTES]; MAX_ENTRIES],
+    pub(crate) entries: [[u8; ENTRY_BYTES]; MAX_ENTRIES],
     /// How many there are.
-    pub len: u8,
+    pub(crate) len: u8,
 }
 
 impl Report {
     /// Nobody is on the list.
-    pub fn new(script: ScriptStatus) -> Self {
+    pub(crate) fn new(script: ScriptStatus) -> Self {
         Self {
             script,
             entries: [[0; ENTRY_BYTES]; MAX_ENTRIES],
@@ -113,7 +116,7 @@ impl Report {
     }
 
     /// One more. There is room for as many as a list has places.
-    pub fn push(&mut self, entry: ListEntry) {
+    pub(crate) fn push(&mut self, entry: ListEntry) {
         if let Some(place) = self.entries.get_mut(usize::from(self.len)) {
             *place = entry.to_bytes();
             self.len += 1;
@@ -121,7 +124,7 @@ impl Report {
     }
 
     /// The bytes of the entries.
-    pub fn bytes(&self) -> &[u8] {
+    pub(crate) fn bytes(&self) -> &[u8] {
         let entries = self.entries.get(..usize::from(self.len));
         entries.unwrap_or_default().as_flattened()
     }
