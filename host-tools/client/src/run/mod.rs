@@ -5,6 +5,7 @@ pub mod drive;
 pub mod mission;
 pub mod story;
 pub mod summary;
+pub mod touches;
 
 pub use crate::interrupt;
 pub use esm_toolkit::recording::entered;
