@@ -99,10 +99,10 @@ pub fn each_line<E: fmt::Display>(
 }
 
 /// Endings of files that people write.
-const SOURCES: [&str; 3] = ["esm", "scenario", "world"];
+const SOURCES: [&str; 4] = ["esm", "goal", "scenario", "world"];
 
 /// Refuses an output in the place of something that cannot be had again: a file that the command
-/// reads or keeps, any mission, scenario or world, which a mission may use, and the recording of a
+/// reads or keeps, any mission, goal, scenario or world, which a mission may use, and the recording of a
 /// robot.
 ///
 /// # Errors

@@ -18,6 +18,7 @@
 
 pub mod argument;
 pub mod behaviours;
+pub mod bench;
 pub mod blackbox;
 pub mod board;
 pub mod bound;
@@ -123,6 +124,7 @@ pub enum Command {
     Sim(sim::SimArgs),
     Test(test::TestArgs),
     Run(Box<run::RunArgs>),
+    Bench(bench::BenchArgs),
     Board(board::BoardArgs),
     Ports(ports::PortsArgs),
     Flash(flash::FlashArgs),
@@ -218,6 +220,7 @@ pub fn execute(
         Command::Sim(args) => sim::execute(args, console),
         Command::Test(args) => test::execute(args, console),
         Command::Run(args) => run::execute(args, robot, console),
+        Command::Bench(args) => bench::execute(args, robot, console),
         Command::Board(args) => board::execute(args, robot, console),
         Command::Ports(args) => ports::execute(args, console),
         Command::Flash(args) => flash::execute(args, console),

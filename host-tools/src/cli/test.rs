@@ -176,8 +176,8 @@ fn cases(args: &TestArgs) -> Result<Vec<Case>, CommandError> {
             .with_context(|| format!("cannot read the scenario {folder}"))
             .map_err(CommandError::Input)?;
     }
-    let mut cases =
-        suite::cases(&args.folder).map_err(|error| CommandError::Input(error.into()))?;
+    let mut cases = suite::cases(&args.folder, suite::SCENARIO)
+        .map_err(|error| CommandError::Input(error.into()))?;
     if cases.is_empty() {
         return Err(CommandError::Input(anyhow!(
             "{folder} has no scenarios: a file `NAME.scenario` or `NAME.anything.scenario` beside a mission `NAME.esm`, or one in a folder `NAME` beside it"
