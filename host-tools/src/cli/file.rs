@@ -448,7 +448,14 @@ mod tests {
     fn sources_are_no_outputs() {
         let directory = tempfile::tempdir().unwrap();
         let at = |name: &str| directory.path().join(name);
-        for name in ["read.esm", "used.esm", "a.scenario", "mission", "old.blob"] {
+        for name in [
+            "read.esm",
+            "used.esm",
+            "a.scenario",
+            "a.goal",
+            "mission",
+            "old.blob",
+        ] {
             fs::write(at(name), "").unwrap();
         }
         std::os::unix::fs::symlink(at("mission"), at("link")).unwrap();
@@ -456,6 +463,7 @@ mod tests {
             ("read.esm", true),
             ("used.esm", true),
             ("a.scenario", true),
+            ("a.goal", true),
             ("mission", true),
             ("link", true),
             ("old.blob", false),

@@ -131,6 +131,7 @@ pub fn execute(
                 bar.set_position(done as u64);
                 if args.json {
                     console.json_line(&Row::new(&courses[course], &outcome))?;
+                    console.flush()?;
                 }
                 benched[course].1.push(outcome);
                 Ok(())

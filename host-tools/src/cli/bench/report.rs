@@ -219,8 +219,8 @@ fn trouble(run: &Outcome) -> String {
         told.push(match reached.off_m {
             Some(off_m) => format!("{off_m:.3} m off its goal"),
             None => format!(
-                "only {} entered",
-                counted_rooms(summary.rooms_entered.len())
+                "came into {}",
+                counted(summary.rooms_entered.len() as u64, "room")
             ),
         });
     }
@@ -233,10 +233,6 @@ fn trouble(run: &Outcome) -> String {
         )
     }));
     told.join("; ")
-}
-
-fn counted_rooms(rooms: usize) -> String {
-    counted(rooms as u64, "room")
 }
 
 #[cfg(test)]
