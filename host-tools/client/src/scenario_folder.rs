@@ -1,4 +1,4 @@
-//! The scenarios of a folder, each with its mission; goal files, too, which lie and are named alike.
+//! The scenarios of a folder, each with its mission; goal files, too, which are named alike.
 //!
 //! A scenario belongs to the mission that its name begins with: `patrol.scenario` and
 //! `patrol.halt.scenario` to `patrol.esm` beside them. One for which there is none beside it

@@ -102,8 +102,8 @@ pub fn each_line<E: fmt::Display>(
 const SOURCES: [&str; 4] = ["esm", "goal", "scenario", "world"];
 
 /// Refuses an output in the place of something that cannot be had again: a file that the command
-/// reads or keeps, any mission, goal, scenario or world, which a mission may use, and the recording of a
-/// robot.
+/// reads or keeps, any mission, goal, scenario or world, which a mission may use, and the recording
+/// of a robot.
 ///
 /// # Errors
 /// If such a file is there: then the command line is wrong.

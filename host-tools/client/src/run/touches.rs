@@ -80,7 +80,7 @@ impl fmt::Display for TouchSummary {
         };
         write!(
             f,
-            "{touched} at {at_s:.3} s, with the centre at {x_m:.2}, {y_m:.2} m, at {speed_m_per_s:.2} m/s"
+            "{touched} at {at_s:.3} s, {x_m:.2},{y_m:.2}, {speed_m_per_s:.2} m/s"
         )?;
         if let Some(needed_m) = self.needed_m {
             let there_from_s = self.there_from_s;
@@ -91,8 +91,8 @@ impl fmt::Display for TouchSummary {
             }
         }
         f.write_str(match self.avoidable {
-            true => ": could have been avoided",
-            false => ": could not have been avoided",
+            true => ": avoidable",
+            false => ": not avoidable",
         })
     }
 }
