@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io;
+use std::num::NonZeroUsize;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc;
@@ -102,6 +103,12 @@ impl Course {
             sonar_breaks,
         })
     }
+}
+
+/// How many runs go at the same time where nobody says: one a processor; one, where nobody knows
+/// how many there are.
+pub fn processors() -> usize {
+    thread::available_parallelism().map_or(1, NonZeroUsize::get)
 }
 
 /// Does all the work on so many threads, and hands what comes of it on in the order of the work,

@@ -3,7 +3,6 @@
 mod courses;
 mod missions;
 mod report;
-mod seeds;
 
 use clap::{Args, Subcommand};
 

@@ -12,6 +12,7 @@
 //! | [`mission`] | from a source file to a verified blob |
 //! | [`difference`] | where two texts differ first |
 //! | [`argument`] | values that several commands take: times, ports |
+//! | [`seeds`] | seeds of many runs |
 //! | [`stage`] | board, world and mission, for the commands that set up a robot |
 //! | [`robot`] | a robot at the other end of a line, for the commands that talk to one |
 //! | [`terminal`] | the screen of a terminal, for the commands that take it |
@@ -52,6 +53,7 @@ pub mod replay;
 pub mod robot;
 pub mod run;
 pub mod schedule;
+pub mod seeds;
 mod sensors;
 pub mod sim;
 pub mod stage;
@@ -227,7 +229,7 @@ pub fn execute(
         Command::Wiring(args) => wiring::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
         Command::Odometry(args) => odometry::execute(args, console),
-        Command::Umbmark(args) => umbmark::execute(args, console),
+        Command::Umbmark(args) => umbmark::execute(args, robot, console),
         Command::Record(args) => record::execute(args, robot, console),
         Command::Plot(args) => plot::execute(args, console),
         Command::Upload(args) => upload::execute(args, console),

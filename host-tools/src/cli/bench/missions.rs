@@ -4,18 +4,17 @@ use std::io::Write;
 use std::num::NonZeroUsize;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::thread;
 
 use anyhow::anyhow;
 use clap::Args;
 
 use super::courses::{Asked, courses};
 use super::report::{Row, Total, table, troubles};
-use super::seeds::Seeds;
-use crate::bench::{Course, Outcome, in_order};
+use crate::bench::{Course, Outcome, in_order, processors};
 use crate::cli::argument::Time;
 use crate::cli::console::Console;
 use crate::cli::exit::CommandError;
+use crate::cli::seeds::Seeds;
 use crate::goal::Goal;
 use crate::host_board::RobotMaker;
 use crate::run::drive::RunError;
@@ -113,7 +112,7 @@ pub fn execute(
     let mut done = 0;
     let mut failed = None;
     in_order(
-        jobs(args.jobs),
+        args.jobs.map_or_else(processors, NonZeroUsize::get),
         &work,
         |(course, seed)| {
             let driven = courses[*course].drive(robot, *seed, varies, interrupt);
@@ -166,13 +165,6 @@ pub fn execute(
         return Err(CommandError::Told);
     }
     Ok(())
-}
-
-/// How many runs go at the same time.
-fn jobs(asked: Option<NonZeroUsize>) -> usize {
-    // One, where nobody knows how many processors there are.
-    let processors = || thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
-    asked.unwrap_or_else(processors).get()
 }
 
 fn interrupted(done: usize, runs: usize) -> CommandError {

@@ -1,11 +1,11 @@
-//! The seeds of a bench.
+//! Seeds of many runs.
 
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 use thiserror::Error;
 
-/// The most seeds of one bench: a day of runs.
+/// The most seeds of one command: a day of runs.
 const SEEDS_LIMIT: u64 = 100_000;
 
 /// Seeds in a row, as a person writes them: `1..=100`, or one.
