@@ -19,6 +19,7 @@ use crate::compile::NameTable;
 use crate::files;
 use crate::lang::Severity;
 use crate::scenario::bind;
+use crate::scenario::ports::Ports;
 use crate::scenario::suite::{self, Case};
 use crate::sim::{self, Outcome, milliseconds};
 use crate::trace::directory::Directory;
@@ -266,7 +267,8 @@ fn run(
 ) -> Result<(Outcome, u64, String), Vec<Fail>> {
     let whole = |message: String| vec![Fail::of_the_whole(message)];
     let text = file::read_text(scenario, "scenario").map_err(|error| whole(error.to_string()))?;
-    let bound = bind::read(&text, directory).map_err(|mistakes| {
+    let ports = Ports::of(&blob.tables(), directory);
+    let bound = bind::read(&text, directory, &ports).map_err(|mistakes| {
         let fail = |mistake: crate::scenario::Mistake| Fail {
             line: Some(mistake.place.line),
             col: Some(mistake.place.col),
