@@ -222,7 +222,7 @@ mod tests {
         let relative =
             |path: &PathBuf| path.strip_prefix(top).unwrap().to_str().unwrap().to_owned();
         let found: Vec<_> = found.iter().map(relative).collect();
-        assert_eq!(found, ["guard.goal", "guard.night.goal", "guard/hall.goal"]);
+        assert_eq!(found, ["guard/hall.goal", "guard.goal", "guard.night.goal"]);
         assert!(
             of_mission(&top.join("guard/deep/none.esm"), GOAL)
                 .unwrap()
