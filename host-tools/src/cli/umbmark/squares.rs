@@ -25,8 +25,12 @@ use crate::run::mission::Mission;
 
 use crate::world::World;
 
-/// The mission, with its side and the way of its corners left open.
+/// The mission: counter-clockwise, with sides of 1 m.
 const SQUARE: &str = include_str!("square.esm");
+
+/// What in it says how long a side is, and which way the corners go.
+const SIDE: &str = "distance_m = 1.0";
+const TO_THE_LEFT: &str = " / set .left";
 
 /// The tasks that it has.
 const ROVER: &str = include_str!("../../../../missions/rover.esm");
@@ -125,13 +129,11 @@ impl Squares {
 
 /// The mission that goes round this way.
 fn square(direction: Direction, side_m: f64) -> Result<Mission, CommandError> {
-    let corner = match direction {
-        Direction::Clockwise => "",
-        Direction::CounterClockwise => "/ set .left",
+    let text = SQUARE.replace(SIDE, &format!("distance_m = {side_m:?}"));
+    let text = match direction {
+        Direction::Clockwise => text.replace(TO_THE_LEFT, ""),
+        Direction::CounterClockwise => text,
     };
-    let text = SQUARE
-        .replace("SIDE_M", &format!("{side_m:?}"))
-        .replace("TO_THE_LEFT", corner);
     let mut checked = lang::load_texts(&[(NAME, &text), ("rover.esm", ROVER)]);
     let blob = mission::lay_out_and_compile(&mut checked, None, NameTable::Kept)?;
     let defect = || CommandError::Input(anyhow!("{}", checked.render(false)));
@@ -181,5 +183,18 @@ fn off(plant: &Plant, [x_m, y_m]: [f64; 2]) -> Offset {
     Offset {
         x_mm: (end.x_m - start.x_m - x_m) * 1e3,
         y_mm: (end.y_m - start.y_m - y_m) * 1e3,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mission_has_one_place_for_its_side_and_one_for_its_corners() {
+        // That of the corners stands in a comment, too, without the blank.
+        for what in [SIDE, TO_THE_LEFT] {
+            assert_eq!(SQUARE.matches(what).count(), 1, "{what}");
+        }
     }
 }
