@@ -17,7 +17,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 const MOST_MEMORY_KIB: u64 = 2 << 20;
 
 /// Commands, with `{}` in the place of the file and `@` in that of a folder to write to.
-const COMMANDS: [&str; 29] = [
+const COMMANDS: [&str; 31] = [
     "check {}",
     "fmt {}",
     "fmt --check {}",
@@ -36,6 +36,8 @@ const COMMANDS: [&str; 29] = [
     "run missions/patrol.esm --board host --until 1s --flash {}",
     "run missions/patrol.esm --board host --replay {}",
     "run missions/patrol.esm --board lm3s6965 --until 1s --firmware {}",
+    "bench missions {} --until 1s --seeds 1",
+    "bench missions missions/patrol.esm --until 1s --seeds 1 --world {}",
     "board --board host --world {}",
     "board --board host --flash {}",
     "board --board lm3s6965 --firmware {}",

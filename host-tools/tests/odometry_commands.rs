@@ -219,3 +219,63 @@ fn what_is_wrong_is_told_with_its_place_and_the_status_of_the_manual() {
         assert!(err.contains(said), "{arguments}: {err}");
     }
 }
+
+/// The method, held against a body whose wheel base is known.
+#[test]
+fn driven_squares_tell_the_wheel_base_of_the_body_that_drove_them() {
+    let folder = Folder::new(&[]);
+    for (true_base_mm, e_max_mm) in [
+        ("201.5", 0.0..20.0),
+        ("206", 80.0..130.0),
+        ("196", 80.0..150.0),
+    ] {
+        let run = format!("umbmark run --seeds 1..=8 --true-base-mm {true_base_mm} --json");
+        let said = folder.json(&run);
+        for way in ["cw", "ccw"] {
+            assert_eq!(said[way]["runs"], 8, "{said:#}");
+        }
+        let off_mm = said["base_mm"].as_f64().unwrap() - true_base_mm.parse::<f64>().unwrap();
+        assert!(off_mm.abs() < 0.4, "{true_base_mm}: {said:#}");
+        let found_mm = said["e_max_syst_mm"].as_f64().unwrap();
+        assert!(e_max_mm.contains(&found_mm), "{true_base_mm}: {said:#}");
+    }
+}
+
+#[test]
+fn the_table_of_driven_squares_says_the_same_as_the_drive() {
+    let folder = Folder::new(&[("mission.esm", "")]);
+    let (status, told, note) = folder.esm("umbmark run --seeds 3..=4 -o squares.csv");
+    assert_eq!(
+        (status, note.as_str()),
+        (0, "4 squares in squares.csv\n"),
+        "{told}"
+    );
+    let table = fs::read_to_string(folder.0.path().join("squares.csv")).unwrap();
+    assert_eq!(table.lines().count(), 5, "{table}");
+    let (status, again, note) = folder.esm("umbmark squares.csv --side-mm 1000 --base-mm 201.5");
+    assert_eq!((status, note.as_str()), (0, ""));
+    assert_eq!(told, again);
+    for (arguments, status, said) in [
+        (
+            "umbmark run -o mission.esm",
+            2,
+            "mission.esm would be overwritten",
+        ),
+        (
+            "umbmark run --side-mm 20001",
+            2,
+            "longer than the robot's tasks drive",
+        ),
+        (
+            "umbmark run --side-mm 100",
+            1,
+            "shorter than the wheel base",
+        ),
+        ("umbmark run -o nowhere/squares.csv", 3, "nowhere"),
+        ("umbmark --side-mm 1000", 2, "--base-mm"),
+    ] {
+        let (found, out, err) = folder.esm(arguments);
+        assert_eq!((found, out.as_str()), (status, ""), "{arguments}: {err}");
+        assert!(err.contains(said), "{arguments}: {err}");
+    }
+}

@@ -83,8 +83,9 @@ pub fn simulate(blob: &[u8], scenario: &Scenario) -> Result<Outcome, String> {
     let directory = Directory::of(&verified.tables()).map_err(|error| error.to_string())?;
     let directory = Arc::new(directory);
     let text = scenario.to_string();
+    let ports = scenario::ports::Ports::of(&verified.tables(), &directory);
     let bound = scenario::parse(&text)
-        .and_then(|parsed| scenario::bind::bind(&parsed, &directory))
+        .and_then(|parsed| scenario::bind::bind(&parsed, &directory, &ports))
         .map_err(|mistakes| format!("the scenario has mistakes: {mistakes:?}\n{text}"))?;
     let mut trace = Vec::new();
     let outcome =

@@ -131,6 +131,16 @@ const CAMPAIGNS: &[Campaign] = &[
         hogs: 0,
     },
     Campaign {
+        name: "missions",
+        what: "all missions that have a goal file, over 100 seeds each: they reach their goals, and touch nothing that they could have avoided (1 min)",
+        package: "esm-tests",
+        target: &["--test", "bench_missions"],
+        tests: "missions_reach_their_goals",
+        settings: &[("ESM_BENCH_SEEDS", "100")],
+        needs_firmware: false,
+        hogs: 0,
+    },
+    Campaign {
         name: "repeatable",
         what: "1,000 runs with uploads on each board, half of them warm, while four threads keep the processor busy: all leave the same bytes (90 min)",
         package: "esm-tests",

@@ -1,4 +1,4 @@
-//! The scenarios of a folder, each with its mission.
+//! The scenarios of a folder, each with its mission; goal files, too, which are named alike.
 //!
 //! A scenario belongs to the mission that its name begins with: `patrol.scenario` and
 //! `patrol.halt.scenario` to `patrol.esm` beside them. One for which there is none beside it
@@ -9,15 +9,17 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Ending of the files that are looked for.
+/// Ending of scenarios.
 pub const SCENARIO: &str = "scenario";
+/// Ending of goal files.
+pub const GOAL: &str = "goal";
 /// Ending of missions.
 const MISSION: &str = "esm";
 
-/// A scenario, and where its mission is.
+/// A scenario or a goal file, and where its mission is.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Case {
-    /// The scenario's file.
+    /// The file.
     pub scenario: PathBuf,
     /// The mission's file; `None` where there is none that it belongs to.
     pub mission: Option<PathBuf>,
@@ -34,12 +36,12 @@ pub struct FolderError {
     pub cause: io::Error,
 }
 
-/// All scenarios in a folder and the folders in it, sorted by path. Hidden folders are left out,
-/// and links to folders are not followed. A path that is itself a scenario is the only one.
+/// All files with this ending in a folder and the folders in it, sorted by path. Hidden folders are
+/// left out, and links to folders are not followed. A path that is itself a file is the only one.
 ///
 /// # Errors
 /// If a folder cannot be read.
-pub fn cases(path: &Path) -> Result<Vec<Case>, FolderError> {
+pub fn cases(path: &Path, wanted: &str) -> Result<Vec<Case>, FolderError> {
     if path.is_file() {
         let scenario = path.to_owned();
         let mission = mission_of(path);
@@ -59,7 +61,7 @@ pub fn cases(path: &Path) -> Result<Vec<Case>, FolderError> {
             let is_hidden = entry.file_name().as_encoded_bytes().starts_with(b".");
             if kind.is_dir() && !is_hidden {
                 open.push(path);
-            } else if path.is_file() && path.extension().is_some_and(|ending| ending == SCENARIO) {
+            } else if path.is_file() && path.extension().is_some_and(|ending| ending == wanted) {
                 found.push(path);
             }
         }
@@ -70,6 +72,43 @@ pub fn cases(path: &Path) -> Result<Vec<Case>, FolderError> {
         scenario,
     };
     Ok(found.into_iter().map(case).collect())
+}
+
+/// The files with this ending that belong to a mission, sorted by path: those beside it, and those
+/// in the folder of its name.
+///
+/// # Errors
+/// If a folder cannot be read.
+pub fn of_mission(mission: &Path, wanted: &str) -> Result<Vec<PathBuf>, FolderError> {
+    let folder = match mission.parent() {
+        None => return Ok(Vec::new()),
+        Some(here) if here.as_os_str().is_empty() => Path::new("."),
+        Some(folder) => folder,
+    };
+    let failed = |cause| FolderError {
+        folder: folder.to_owned(),
+        cause,
+    };
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        if path.is_file() && path.extension().is_some_and(|ending| ending == wanted) {
+            found.push(path);
+        }
+    }
+    let own = folder.join(mission.with_extension("").file_name().unwrap_or_default());
+    if own.is_dir() {
+        found.extend(cases(&own, wanted)?.into_iter().map(|case| case.scenario));
+    }
+    // A mission that is not there has nothing, and what belongs to no mission is not of this one.
+    let identity = |path: PathBuf| fs::canonicalize(path).ok();
+    let mission = identity(mission.to_owned());
+    found.retain(|path| {
+        let other = mission_of(path).and_then(identity);
+        mission.is_some() && other == mission
+    });
+    found.sort();
+    Ok(found)
 }
 
 /// The mission that a scenario belongs to, if there is one.
@@ -134,7 +173,7 @@ mod tests {
         for file in files {
             fs::write(top.join(file), "").unwrap();
         }
-        let found = cases(top).unwrap();
+        let found = cases(top, SCENARIO).unwrap();
         let relative = |path: &Path| path.strip_prefix(top).unwrap().to_str().unwrap().to_owned();
         let found: Vec<_> = found
             .iter()
@@ -157,5 +196,37 @@ mod tests {
         let expected =
             expected.map(|(scenario, mission)| (scenario.to_owned(), mission.map(str::to_owned)));
         assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn a_mission_finds_what_belongs_to_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let top = folder.path();
+        fs::create_dir_all(top.join("guard/deep")).unwrap();
+        for file in [
+            "guard.esm",
+            "guard.two.esm",
+            "guard.goal",
+            "guard.night.goal",
+            "guard.two.goal",
+            "guard.scenario",
+            "other.goal",
+            "guard/hall.goal",
+            "guard/own.esm",
+            "guard/own.goal",
+            "guard/deep/far.goal",
+        ] {
+            fs::write(top.join(file), "").unwrap();
+        }
+        let found = of_mission(&top.join("guard.esm"), GOAL).unwrap();
+        let relative =
+            |path: &PathBuf| path.strip_prefix(top).unwrap().to_str().unwrap().to_owned();
+        let found: Vec<_> = found.iter().map(relative).collect();
+        assert_eq!(found, ["guard/hall.goal", "guard.goal", "guard.night.goal"]);
+        assert!(
+            of_mission(&top.join("guard/deep/none.esm"), GOAL)
+                .unwrap()
+                .is_empty()
+        );
     }
 }

@@ -99,11 +99,11 @@ pub fn each_line<E: fmt::Display>(
 }
 
 /// Endings of files that people write.
-const SOURCES: [&str; 3] = ["esm", "scenario", "world"];
+const SOURCES: [&str; 4] = ["esm", "goal", "scenario", "world"];
 
 /// Refuses an output in the place of something that cannot be had again: a file that the command
-/// reads or keeps, any mission, scenario or world, which a mission may use, and the recording of a
-/// robot.
+/// reads or keeps, any mission, goal, scenario or world, which a mission may use, and the recording
+/// of a robot.
 ///
 /// # Errors
 /// If such a file is there: then the command line is wrong.
@@ -448,7 +448,14 @@ mod tests {
     fn sources_are_no_outputs() {
         let directory = tempfile::tempdir().unwrap();
         let at = |name: &str| directory.path().join(name);
-        for name in ["read.esm", "used.esm", "a.scenario", "mission", "old.blob"] {
+        for name in [
+            "read.esm",
+            "used.esm",
+            "a.scenario",
+            "a.goal",
+            "mission",
+            "old.blob",
+        ] {
             fs::write(at(name), "").unwrap();
         }
         std::os::unix::fs::symlink(at("mission"), at("link")).unwrap();
@@ -456,6 +463,7 @@ mod tests {
             ("read.esm", true),
             ("used.esm", true),
             ("a.scenario", true),
+            ("a.goal", true),
             ("mission", true),
             ("link", true),
             ("old.blob", false),

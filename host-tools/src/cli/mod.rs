@@ -12,12 +12,14 @@
 //! | [`mission`] | from a source file to a verified blob |
 //! | [`difference`] | where two texts differ first |
 //! | [`argument`] | values that several commands take: times, ports |
+//! | [`seeds`] | seeds of many runs |
 //! | [`stage`] | board, world and mission, for the commands that set up a robot |
 //! | [`robot`] | a robot at the other end of a line, for the commands that talk to one |
 //! | [`terminal`] | the screen of a terminal, for the commands that take it |
 
 pub mod argument;
 pub mod behaviours;
+pub mod bench;
 pub mod blackbox;
 pub mod board;
 pub mod bound;
@@ -54,6 +56,7 @@ pub mod robot;
 pub mod run;
 pub mod schedule;
 pub mod script;
+pub mod seeds;
 mod sensors;
 pub mod sim;
 pub mod stage;
@@ -126,6 +129,7 @@ pub enum Command {
     Sim(sim::SimArgs),
     Test(test::TestArgs),
     Run(Box<run::RunArgs>),
+    Bench(bench::BenchArgs),
     Board(board::BoardArgs),
     Ports(ports::PortsArgs),
     Flash(flash::FlashArgs),
@@ -223,13 +227,14 @@ pub fn execute(
         Command::Sim(args) => sim::execute(args, console),
         Command::Test(args) => test::execute(args, console),
         Command::Run(args) => run::execute(args, robot, console),
+        Command::Bench(args) => bench::execute(args, robot, console),
         Command::Board(args) => board::execute(args, robot, console),
         Command::Ports(args) => ports::execute(args, console),
         Command::Flash(args) => flash::execute(args, console),
         Command::Wiring(args) => wiring::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
         Command::Odometry(args) => odometry::execute(args, console),
-        Command::Umbmark(args) => umbmark::execute(args, console),
+        Command::Umbmark(args) => umbmark::execute(args, robot, console),
         Command::Record(args) => record::execute(args, robot, console),
         Command::Plot(args) => plot::execute(args, console),
         Command::Upload(args) => upload::execute(args, console),

@@ -47,6 +47,7 @@ Examples:
   esm run missions/on_a_lead.esm --cut-link '5 s' --until '10 s'
   esm run missions/patrol.esm --estop '5 s' --until '10 s'
   esm run missions/patrol.esm --break 'sonar 0 dead at 10 s' --until '20 s'
+  esm run missions/guard.esm --board host --world visitors --seed 17 --vary --until '60 s' --json
   esm run missions/wall_rules.esm --board host --sensors missions/wall_rules/ranges.csv --trace decisions.jsonl
   esm run missions/patrol.esm --record patrol.rec --until '60 s'
   esm run missions/patrol.esm --board host --replay patrol.rec --until '60 s'")]
@@ -116,6 +117,11 @@ pub struct RunArgs {
     #[arg(long, value_name = "N", default_value_t = DEFAULT_SEED)]
     pub seed: u64,
 
+    /// Varies what is around the robot with the seed, as `esm bench missions` does: people step in
+    /// and away up to 2 s earlier or later, and in one seed of ten a sonar dies
+    #[arg(long)]
+    pub vary: bool,
+
     /// Lets the plant fall silent at that robot time, to see how the robot takes it
     #[arg(long, value_name = "TIME", hide = true)]
     pub freeze_plant_at: Option<Time>,
@@ -138,6 +144,10 @@ pub struct RunArgs {
     /// No faster than the wall clock, for a person watching
     #[arg(long)]
     pub realtime: bool,
+
+    /// Prints the summary as one JSON object, for programs; what happens goes to standard error
+    #[arg(long)]
+    pub json: bool,
 
     /// How the bytes of the link come to the board [default: exchange; with --realtime
     /// and --replay, uart]
@@ -302,12 +312,17 @@ pub fn execute(
     let interrupt = Interrupt::take_over()?;
     let mut plan = plan(args, robot, console)?;
     plan.check()?;
-    let to_standard_output = args.trace.as_deref() == Some(Path::new("-"));
+    let trace_to_standard_output = args.trace.as_deref() == Some(Path::new("-"));
+    if trace_to_standard_output && args.json {
+        return Err(CommandError::Usage(anyhow!(
+            "both the trace and the summary would go to standard output: name a file for the trace, or leave out `--json`"
+        )));
+    }
     let trace = make_files(args, &mut plan)?;
     let mut teller = Teller {
         console,
-        // A trace on standard output is for a program, which wants nothing else there.
-        aside: to_standard_output,
+        // JSON on standard output is for a program, which wants nothing else there.
+        aside: trace_to_standard_output || args.json,
         upload: None,
         failed: None,
     };
@@ -316,7 +331,9 @@ pub fn execute(
         return Err(error);
     }
     let summary = run.summary.to_string();
-    if to_standard_output {
+    if args.json {
+        console.json_line(&run.summary)?;
+    } else if trace_to_standard_output {
         console.note(summary.trim_end());
     } else {
         write!(console.out(), "\n{summary}")?;
@@ -416,7 +433,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
     };
     let world = stage::world(asked, Some(&args.file))?;
     let board = stage::board(&args.board, args.firmware.as_deref(), robot, console)?;
-    Ok(Plan {
+    let plan = Plan {
         flash: None,
         key: Some(robot::key_at(args.key.as_deref())),
         body: stage::body(args.firmware.as_deref())?,
@@ -440,7 +457,8 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
         sensors,
         by_hand: by_hand::planned(&args.by_hand, &args.file, console)?,
         sonar_breaks: args.breaks.iter().map(|broken| broken.0).collect(),
-    })
+    };
+    Ok(if args.vary { plan.varied() } else { plan })
 }
 
 /// How the link goes: so that the run repeats, unless the wall clock or a recording says when

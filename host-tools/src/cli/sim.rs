@@ -13,6 +13,7 @@ use super::file;
 use super::mission::{self, Audience};
 use crate::clean::counted;
 use crate::compile::NameTable;
+use crate::scenario::ports::Ports;
 use crate::scenario::{self, Mistake, Place};
 use crate::sim::{self, Outcome, SimError, milliseconds};
 
@@ -61,7 +62,8 @@ pub fn execute(args: &SimArgs, console: &mut Console) -> Result<(), CommandError
     let verified = mission::compiled(&args.file, None, NameTable::Kept, Audience::Person, console)?;
     let directory = Arc::new(mission::names(&verified)?);
     let text = file::read_text(&args.scenario, "scenario")?;
-    let bound = scenario::bind::read(&text, &directory);
+    let ports = Ports::of(&verified.tables(), &directory);
+    let bound = scenario::bind::read(&text, &directory, &ports);
     let bound = bound.map_err(|mistakes| tell_mistakes(&args.scenario, &mistakes, console))?;
     let outcome = match args.trace.as_deref() {
         None => sim::run(verified, &directory, &bound, std::io::sink())?,

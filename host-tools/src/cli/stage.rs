@@ -55,6 +55,12 @@ const SHIPPED_WORLDS: [(&str, &str); 5] = [
     ),
 ];
 
+/// The world that is driven in where none is named.
+pub const DEFAULT_WORLD: &str = {
+    let [(default, _), ..] = SHIPPED_WORLDS;
+    default
+};
+
 /// Where the worlds of a folder of missions are.
 const WORLDS_FOLDER: &str = "worlds";
 
@@ -184,8 +190,7 @@ impl From<FirmwareError> for CommandError {
 /// # Errors
 /// If there is none, or the file cannot be read or has errors.
 pub fn world(asked: Option<&Path>, mission: Option<&Path>) -> Result<World, CommandError> {
-    let [(default, _), ..] = SHIPPED_WORLDS;
-    let asked = asked.unwrap_or(Path::new(default));
+    let asked = asked.unwrap_or(Path::new(DEFAULT_WORLD));
     let beside_mission = mission.and_then(Path::parent).map(|folder| {
         folder
             .join(WORLDS_FOLDER)

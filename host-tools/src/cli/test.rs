@@ -19,6 +19,7 @@ use crate::compile::NameTable;
 use crate::files;
 use crate::lang::Severity;
 use crate::scenario::bind;
+use crate::scenario::ports::Ports;
 use crate::scenario::suite::{self, Case};
 use crate::sim::{self, Outcome, milliseconds};
 use crate::trace::directory::Directory;
@@ -176,8 +177,8 @@ fn cases(args: &TestArgs) -> Result<Vec<Case>, CommandError> {
             .with_context(|| format!("cannot read the scenario {folder}"))
             .map_err(CommandError::Input)?;
     }
-    let mut cases =
-        suite::cases(&args.folder).map_err(|error| CommandError::Input(error.into()))?;
+    let mut cases = suite::cases(&args.folder, suite::SCENARIO)
+        .map_err(|error| CommandError::Input(error.into()))?;
     if cases.is_empty() {
         return Err(CommandError::Input(anyhow!(
             "{folder} has no scenarios: a file `NAME.scenario` or `NAME.anything.scenario` beside a mission `NAME.esm`, or one in a folder `NAME` beside it"
@@ -266,7 +267,8 @@ fn run(
 ) -> Result<(Outcome, u64, String), Vec<Fail>> {
     let whole = |message: String| vec![Fail::of_the_whole(message)];
     let text = file::read_text(scenario, "scenario").map_err(|error| whole(error.to_string()))?;
-    let bound = bind::read(&text, directory).map_err(|mistakes| {
+    let ports = Ports::of(&blob.tables(), directory);
+    let bound = bind::read(&text, directory, &ports).map_err(|mistakes| {
         let fail = |mistake: crate::scenario::Mistake| Fail {
             line: Some(mistake.place.line),
             col: Some(mistake.place.col),

@@ -1,30 +1,38 @@
 //! `esm umbmark`: wheel base and wheels of a robot, from squares that it drove.
 
+mod run;
+mod squares;
+
 use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::anyhow;
-use clap::Args;
+use clap::{Args, Subcommand};
 use serde::Serialize;
 
 use super::console::Console;
 use super::exit::CommandError;
 use super::{argument, file};
 use crate::clean::counted;
+use crate::host_board::RobotMaker;
 use crate::odometry::umbmark::{Direction, Evaluation, Offset, Squares};
+
+pub use run::RunArgs;
 
 /// Works out a robot's wheel base and the ratio of its wheels from squares that it drove
 ///
 /// Let the robot drive a square by its odometry, back to where it began: five times clockwise and
 /// five times counter-clockwise. Measure where it really ends each time, from where it began: x
-/// along the first side, y to the left of it.
+/// along the first side, y to the left of it. `esm umbmark run` has the simulated robot drive them.
 #[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(after_help = "\
 The table has the columns direction,x_mm,y_mm; a direction is cw (clockwise) or ccw. If the odometry was not back at the \
 start, subtract the place that it tells from the one that you have measured.
 
 Examples:
   esm umbmark squares.csv --side-mm 1000 --base-mm 160
+  esm umbmark run -o squares.csv
   esm umbmark --cw -12,-20 --cw -15,-18 --ccw -4,9 --ccw -6,8 --side-mm 1000 --base-mm 160 --json
 
 With --json: cw and ccw (runs, x_mm, y_mm, r_mm: the centre of gravity of where they ended, and its distance), e_max_syst_mm, \
@@ -34,6 +42,10 @@ e_b, e_d, base_mm (the true wheel base), left_diameter_factor, right_diameter_fa
 After J. Borenstein and L. Feng, \"Measurement and Correction of Systematic Odometry Errors in Mobile Robots\", \
 IEEE Transactions on Robotics and Automation 12(6), 1996.")]
 pub struct UmbmarkArgs {
+    /// Squares that are still to be driven.
+    #[command(subcommand)]
+    pub action: Option<Action>,
+
     /// The table of where the squares ended
     #[arg(value_name = "CSV", conflicts_with_all = ["cw", "ccw"], required_unless_present_any = ["cw", "ccw"])]
     pub table: Option<PathBuf>,
@@ -47,16 +59,26 @@ pub struct UmbmarkArgs {
     pub ccw: Vec<Offset>,
 
     /// Side of the square, in millimetres
-    #[arg(long, value_name = "L", value_parser = argument::measure, allow_negative_numbers = true)]
-    pub side_mm: f64,
+    #[arg(long, value_name = "L", value_parser = argument::measure, allow_negative_numbers = true, required = true)]
+    pub side_mm: Option<f64>,
 
     /// Distance between the wheels that the odometry worked with, in millimetres
-    #[arg(long, value_name = "B", value_parser = argument::measure, allow_negative_numbers = true)]
-    pub base_mm: f64,
+    #[arg(long, value_name = "B", value_parser = argument::measure, allow_negative_numbers = true, required = true)]
+    pub base_mm: Option<f64>,
 
     /// One JSON object, for programs
     #[arg(long)]
     pub json: bool,
+}
+
+/// What is done before the squares are evaluated.
+#[derive(Debug, Subcommand)]
+#[allow(
+    missing_docs,
+    reason = "each variant carries the documentation of its arguments"
+)]
+pub enum Action {
+    Run(RunArgs),
 }
 
 /// What `--json` says.
@@ -118,11 +140,40 @@ impl Answer {
     }
 }
 
-/// Runs the command.
+/// Runs the command. `robot` is what the board `host` has.
 ///
 /// # Errors
-/// If the table cannot be read or is none, or the squares say nothing of the robot.
-pub fn execute(args: &UmbmarkArgs, console: &mut Console) -> Result<(), CommandError> {
+/// If the table cannot be read or is none, a square is not driven, or the squares say nothing of
+/// the robot.
+pub fn execute(
+    args: &UmbmarkArgs,
+    robot: RobotMaker,
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    let (found, base_mm, json) = match (&args.action, args.side_mm, args.base_mm) {
+        (Some(Action::Run(run)), _, _) => (
+            run::evaluated(run, robot, console)?,
+            run::base_mm(),
+            run.json,
+        ),
+        (None, Some(side_mm), Some(base_mm)) => {
+            (evaluated(args, side_mm, base_mm)?, base_mm, args.json)
+        }
+        (None, _, _) => {
+            return Err(CommandError::Usage(anyhow!(
+                "give the side of the square with `--side-mm`, and the wheel base with `--base-mm`"
+            )));
+        }
+    };
+    let answer = Answer::of(&found);
+    if json {
+        return console.json_line(&answer);
+    }
+    tell(base_mm, &answer, console)
+}
+
+/// What squares say that were driven before.
+fn evaluated(args: &UmbmarkArgs, side_mm: f64, base_mm: f64) -> Result<Evaluation, CommandError> {
     let mut squares = Squares::default();
     let ends = (args.cw.iter().map(|end| (Direction::Clockwise, end))).chain(
         args.ccw
@@ -135,20 +186,15 @@ pub fn execute(args: &UmbmarkArgs, console: &mut Console) -> Result<(), CommandE
     if let Some(table) = &args.table {
         file::each_line(table, "table of squares", |line| squares.line(line))?;
     }
-    let found = squares
-        .evaluate(args.side_mm, args.base_mm)
+    squares
+        .evaluate(side_mm, base_mm)
         .map_err(|error| match &args.table {
             Some(table) => CommandError::Input(anyhow!("{}: {error}", table.display())),
             None => CommandError::Usage(error.into()),
-        })?;
-    let answer = Answer::of(&found);
-    if args.json {
-        return console.json_line(&answer);
-    }
-    tell(args, &answer, console)
+        })
 }
 
-fn tell(args: &UmbmarkArgs, answer: &Answer, console: &mut Console) -> Result<(), CommandError> {
+fn tell(base_mm: f64, answer: &Answer, console: &mut Console) -> Result<(), CommandError> {
     let out = console.out();
     for (name, centre) in [
         ("clockwise", &answer.cw),
@@ -183,8 +229,8 @@ fn tell(args: &UmbmarkArgs, answer: &Answer, console: &mut Console) -> Result<()
     )?;
     writeln!(
         out,
-        "wheel base         {:.2} mm in the place of {} mm",
-        answer.base_mm, args.base_mm
+        "wheel base         {:.2} mm in the place of {base_mm} mm",
+        answer.base_mm
     )?;
     writeln!(
         out,

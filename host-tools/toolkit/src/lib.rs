@@ -23,6 +23,7 @@ pub mod counters;
 pub mod diagram;
 pub mod duration;
 pub mod fit;
+pub mod goal;
 pub mod inspect;
 pub mod lang;
 pub mod language_server;

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use esm_link::features::Feature;
 use esm_link::message::{Channel, LinkError, Mode, Status, Swap};
 use esm_link::trace::TraceEvent;
+use rt_firmware::body::SONARS;
 use thiserror::Error;
 
 use super::board::{Board, BoardError, LinkWay, RunningBoard};
@@ -16,6 +17,7 @@ use super::by_hand::{ByHand, Telling};
 use super::mission::{Mission, hash_text};
 use super::story::{Story, Told, safe_reason};
 use super::summary::{EndPose, MissionSummary, Summary};
+use super::touches::TouchSummary;
 use crate::flash::Flash;
 use crate::host_board::HostBoard;
 use crate::interrupt::Interrupt;
@@ -29,7 +31,8 @@ use crate::serial::noise::{Noise, Noisy};
 use crate::values::Subscription;
 use esm_toolkit::clean::counted;
 use esm_toolkit::counters::SlotReport;
-use esm_toolkit::plant::{BodyParameters, Plant, PlantError, RecordedRanges};
+use esm_toolkit::plant::variation::Variation;
+use esm_toolkit::plant::{BodyParameters, Plant, PlantError, RecordedRanges, SonarFault};
 use esm_toolkit::recording::entered::Entered;
 use esm_toolkit::recording::file::Header;
 use esm_toolkit::recording::writer::{Counts, RecordingWriter};
@@ -163,6 +166,21 @@ impl Plan {
         }
         Plant::new(self.world.clone(), self.body, self.seed)?;
         Ok(())
+    }
+
+    /// The same run with what is around the robot [varied](Variation) with its seed.
+    #[must_use]
+    pub fn varied(mut self) -> Self {
+        let variation = Variation::new(self.seed);
+        self.world = variation.world(&self.world);
+        let dead = variation.dead_sonar(SONARS);
+        self.sonar_breaks
+            .extend(dead.map(|(sonar, robot_us)| SonarBreak {
+                sonar,
+                fault: SonarFault::Dead,
+                robot_us,
+            }));
+        self
     }
 }
 
@@ -952,6 +970,8 @@ impl<W: Write> Driver<W> {
             end: Some(EndPose::of(&plant)),
             interrupted,
             collisions: plant.collisions(),
+            avoidable: plant.statistics().avoidable(),
+            touches: TouchSummary::all_of(&plant),
             hardest_collision_m_per_s: (plant.collisions() > 0)
                 .then(|| plant.hardest_collision_m_per_s()),
             rooms_entered: plant.statistics().rooms_entered().to_vec(),

@@ -6,6 +6,7 @@ pub mod drive;
 pub mod mission;
 pub mod story;
 pub mod summary;
+pub mod touches;
 
 pub use crate::interrupt;
 pub use esm_toolkit::recording::entered;

@@ -9,6 +9,8 @@ use esm_toolkit::counters::SlotReport;
 use esm_toolkit::plant::Plant;
 use esm_toolkit::schedule::handover::Handover;
 
+use super::touches::TouchSummary;
+
 /// A run in figures.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
@@ -30,8 +32,13 @@ pub struct Summary {
     /// Whether Ctrl-C ended the run; left out where it did not.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub interrupted: bool,
-    /// How often the robot ran into a wall.
+    /// How often the robot ran into a wall or a person.
     pub collisions: u32,
+    /// How many of these touches a robot that obeys its stop distance could have avoided.
+    pub avoidable: u32,
+    /// Each of them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub touches: Vec<TouchSummary>,
     /// Speed at the hardest of them, in metres per second; `None` without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hardest_collision_m_per_s: Option<f64>,
@@ -196,7 +203,17 @@ impl fmt::Display for Summary {
         let hardest = (self.hardest_collision_m_per_s).map_or_else(String::new, |speed| {
             format!(", the hardest at {speed:.2} m/s")
         });
-        row("collisions", format!("{}{hardest}", self.collisions))?;
+        let avoidable = match self.collisions {
+            0 => String::new(),
+            _ => format!(", {} of them avoidable", self.avoidable),
+        };
+        row(
+            "collisions",
+            format!("{}{avoidable}{hardest}", self.collisions),
+        )?;
+        for touch in &self.touches {
+            row("", touch.to_string())?;
+        }
         let rooms = match self.rooms_entered.as_slice() {
             [] => "none".to_owned(),
             rooms => format!("{} ({})", rooms.len(), rooms.join(", ")),

@@ -2,9 +2,12 @@
 
 use crate::world::{Circle, Point};
 
+use super::free_way::Movement;
 use super::noise::{Noise, Source};
 use super::obstacles::Obstacles;
 use super::parameters::{BodyParameters, MotorParameters, SLIP_WINDOW_MS};
+use super::pose::BodyPose;
+use super::touch::{Encounter, Oracle, Touch};
 
 /// Length of one integration step, in microseconds. Steps begin at its multiples, so cutting a run
 /// into calls changes nothing.
@@ -16,15 +19,6 @@ const STEP_S: f64 = STEP_US as f64 / 1e6;
 /// A touch ends when the body is this far from all walls and people, in metres; less would count
 /// one scrape many times.
 const CONTACT_END_M: f64 = 0.005;
-
-/// Where the body is and which way it looks.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct BodyPose {
-    /// The body's centre.
-    pub position: Point,
-    /// Counter-clockwise from x, in radians, not wrapped.
-    pub heading_rad: f64,
-}
 
 /// One motor with its wheel.
 #[derive(Clone, Copy, Debug, Default)]
@@ -86,9 +80,7 @@ pub(super) struct Drive {
     /// them in most steps.
     clearance_m: f64,
     pub in_contact: bool,
-    pub collisions: u32,
-    /// Speed of the centre at the hardest of them.
-    pub hardest_collision_m_per_s: f64,
+    oracle: Oracle,
     pub distance_m: f64,
 }
 
@@ -106,16 +98,17 @@ impl Drive {
             approach: 1.0 - libm::exp(-STEP_S / body.motor.lag_s),
             clearance_m: 0.0,
             in_contact: false,
-            collisions: 0,
-            hardest_collision_m_per_s: 0.0,
+            oracle: Oracle::default(),
             distance_m: 0.0,
         }
     }
 
-    /// One step of [`STEP_US`]; `index` counts them from 0.
-    pub fn step(&mut self, index: u64, noise: &Noise) {
+    /// One step of [`STEP_US`]; `index` counts them from 0. Returns the touch that begins in it, if
+    /// one does.
+    pub fn step(&mut self, index: u64, noise: &Noise) -> Option<Touch> {
         self.turn_wheels();
         let window = index * STEP_US / 1_000 / SLIP_WINDOW_MS;
+        let end_us = (index + 1) * STEP_US;
         let grip = &self.body.grip;
         for (wheel, source) in [
             (&mut self.left, Source::LeftSlip),
@@ -124,8 +117,9 @@ impl Drive {
             let slip = grip.slip * noise.uniform(source, window);
             wheel.grip(self.body.wheel_radius_m, slip, grip.acceleration_m_per_s2);
         }
-        self.move_body();
-        self.let_people_pass((index + 1) * STEP_US);
+        let touch = self.move_body(end_us);
+        self.let_people_pass(end_us);
+        touch
     }
 
     fn turn_wheels(&mut self) {
@@ -140,10 +134,23 @@ impl Drive {
         self.charge_as = (self.charge_as - self.current_a * STEP_S).max(0.0);
     }
 
-    fn move_body(&mut self) {
+    /// How the floor passes under the wheels.
+    fn movement(&self) -> Movement {
         let (left, right) = (self.left.ground_m_per_s, self.right.ground_m_per_s);
-        let way_m = (left + right) / 2.0 * STEP_S;
-        let turn_rad = (right - left) / self.body.wheel_base_m * STEP_S;
+        Movement {
+            pose: self.pose,
+            way_m_per_s: (left + right) / 2.0,
+            turn_rad_per_s: (right - left) / self.body.wheel_base_m,
+        }
+    }
+
+    fn move_body(&mut self, end_us: u64) -> Option<Touch> {
+        let movement = self.movement();
+        if movement.is_still() {
+            self.oracle.stands_still();
+        }
+        let way_m = movement.way_m_per_s * STEP_S;
+        let turn_rad = movement.turn_rad_per_s * STEP_S;
         let (sin, cos) = libm::sincos(self.pose.heading_rad + turn_rad / 2.0);
         self.pose.heading_rad += turn_rad;
         let goal = Point::new(
@@ -154,16 +161,21 @@ impl Drive {
         if self.is_free(goal, way_m.abs()) {
             self.pose.position = goal;
             self.distance_m += way_m.abs();
-        } else {
-            self.left.ground_m_per_s = 0.0;
-            self.right.ground_m_per_s = 0.0;
-            if !self.in_contact {
-                self.in_contact = true;
-                self.collisions += 1;
-                let speed_m_per_s = way_m.abs() / STEP_S;
-                self.hardest_collision_m_per_s = self.hardest_collision_m_per_s.max(speed_m_per_s);
-            }
+            return None;
         }
+        self.left.ground_m_per_s = 0.0;
+        self.right.ground_m_per_s = 0.0;
+        if self.in_contact {
+            return None;
+        }
+        self.in_contact = true;
+        Some(self.oracle.judge(
+            end_us,
+            self.pose.position,
+            self.obstacles.nearest(goal),
+            movement.speed_m_per_s(),
+            self.distance_m,
+        ))
     }
 
     /// People step in and away at the end of a step, in microseconds of plant time. Nobody who
@@ -173,9 +185,17 @@ impl Drive {
             centre: self.pose.position,
             radius_m: self.body.radius_m,
         };
-        if self.obstacles.update(time_us, body, CONTACT_END_M) {
+        let (changed, stepped_in) = self.obstacles.update(time_us, body, CONTACT_END_M);
+        if changed {
             // What is near has to be looked at anew.
             self.clearance_m = 0.0;
+        }
+        for person in stepped_in {
+            let movement = self.movement();
+            let distance_m = |centre| person.circle.distance_m(centre);
+            let free_m = movement.free_way_m(self.body.radius_m, distance_m);
+            let encounter = Encounter::new(time_us, &movement, free_m);
+            (self.oracle).steps_in(person.line, encounter, self.distance_m);
         }
     }
 

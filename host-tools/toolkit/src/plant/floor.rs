@@ -2,9 +2,9 @@
 
 use rt_firmware::body::LINE_SENSORS;
 
-use super::drive::BodyPose;
 use super::noise::{Noise, Source};
 use super::parameters::FloorParameters;
+use super::pose::BodyPose;
 use crate::world::{LinePiece, Point};
 
 impl FloorParameters {

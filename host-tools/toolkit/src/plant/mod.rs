@@ -21,26 +21,31 @@
 
 mod drive;
 mod floor;
+mod free_way;
 mod noise;
 mod obstacles;
 mod parameters;
+mod pose;
 mod recorded;
 mod sonar;
 mod statistics;
+mod touch;
+pub mod variation;
 
 use rt_firmware::body::{
     ADC_FULL_SCALE, ANALOG_CHANNELS, Actuators, FULL_DUTY, Reply, Request, SONARS, Sensors,
 };
 
-pub use drive::BodyPose;
 pub use noise::{Noise, Source};
 pub use parameters::{
     BatteryParameters, BodyParameters, FloorParameters, GripParameters, MotorParameters,
     SLIP_WINDOW_MS, SonarParameters,
 };
+pub use pose::BodyPose;
 pub use recorded::{RecordedRanges, TableError};
 pub use sonar::{PATIENCE_US, Pulse, SonarFault};
 pub use statistics::{PathSample, Statistics};
+pub use touch::{Encounter, Touch, Touched};
 
 use crate::world::{Person, World};
 use drive::{Drive, STEP_US};
@@ -165,7 +170,9 @@ impl Plant {
             return;
         }
         for step in self.now_us / STEP_US..time_us / STEP_US {
-            self.drive.step(step, &self.noise);
+            if let Some(touch) = self.drive.step(step, &self.noise) {
+                self.statistics.add_touch(touch);
+            }
             let end_us = (step + 1) * STEP_US;
             if end_us.is_multiple_of(Statistics::SAMPLE_PERIOD_US) {
                 self.statistics.sample(end_us, self.drive.pose, &self.world);
@@ -306,16 +313,18 @@ impl Plant {
 
     /// How often the body ran into a wall or a person.
     pub fn collisions(&self) -> u32 {
-        self.drive.collisions
+        // So many that they cannot be counted do not fit into a run.
+        self.statistics.touches().len() as u32
     }
 
     /// Speed of the body's centre at the hardest of its collisions, in metres per second; 0 without
     /// one.
     pub fn hardest_collision_m_per_s(&self) -> f64 {
-        self.drive.hardest_collision_m_per_s
+        let speeds = self.statistics.touches().iter();
+        (speeds.map(|touch| touch.speed_m_per_s)).fold(0.0, f64::max)
     }
 
-    /// Path and rooms since the start.
+    /// Path, rooms and touches since the start.
     pub fn statistics(&self) -> &Statistics {
         &self.statistics
     }
@@ -323,3 +332,6 @@ impl Plant {
 
 #[cfg(test)]
 mod tests;
+
+#[cfg(test)]
+mod touch_tests;

@@ -31,6 +31,18 @@ pub enum Source {
         /// The sensor.
         sensor: u8,
     },
+    /// Which sonar dies, and when.
+    DeadSonar,
+    /// By how much earlier or later a person steps in.
+    StepIn {
+        /// The person, in the order of the world's file, from 0.
+        person: u16,
+    },
+    /// By how much earlier or later a person steps away.
+    StepAway {
+        /// The person.
+        person: u16,
+    },
 }
 
 impl Source {
@@ -39,9 +51,12 @@ impl Source {
             Self::LeftSlip => 1,
             Self::RightSlip => 2,
             Self::Battery => 3,
+            Self::DeadSonar => 4,
             Self::Range { sonar } => 0x100 + u64::from(sonar),
             Self::Miss { sonar } => 0x200 + u64::from(sonar),
             Self::Floor { sensor } => 0x300 + u64::from(sensor),
+            Self::StepIn { person } => 0x1_0000 + u64::from(person),
+            Self::StepAway { person } => 0x2_0000 + u64::from(person),
         }
     }
 }

@@ -2,6 +2,8 @@
 
 use crate::world::{Circle, Hit, Person, Point, Segment, World};
 
+use super::touch::Touched;
+
 /// What stops the body, and what sonars hear.
 #[derive(Clone, Debug)]
 pub(super) struct Obstacles {
@@ -52,6 +54,16 @@ impl Obstacles {
             .fold(self.distance_to_walls_m(point), f64::min)
     }
 
+    /// What is nearest to `point`; a wall, where a person is as near.
+    pub fn nearest(&self, point: Point) -> Touched {
+        let walls = (Touched::Wall, self.distance_to_walls_m(point));
+        let people = self.people().map(|person| {
+            let touched = Touched::Person { line: person.line };
+            (touched, person.circle.distance_m(point))
+        });
+        people.fold(walls, |a, b| if b.1 < a.1 { b } else { a }).0
+    }
+
     /// The first wall or person that the ray from `origin` along the unit vector `direction` meets.
     pub fn hit_by_ray(&self, origin: Point, direction: Point) -> Option<Hit> {
         let walls = self.walls.iter();
@@ -63,9 +75,10 @@ impl Obstacles {
 
     /// Lets people step in and away at a time, in microseconds. Who is to step in where the body is
     /// waits, and steps in as soon as more than `gap_m` is free between the two.
-    /// Returns whether anybody has stepped in or away.
-    pub fn update(&mut self, time_us: u64, body: Circle, gap_m: f64) -> bool {
+    /// Returns whether anybody has stepped in or away, and who has stepped in.
+    pub fn update(&mut self, time_us: u64, body: Circle, gap_m: f64) -> (bool, Vec<Person>) {
         let mut changed = false;
+        let mut stepped_in = Vec::new();
         for Visitor { person, stands } in &mut self.people {
             let has_room = || {
                 let between_m = person.circle.distance_m(body.centre) - body.radius_m;
@@ -73,8 +86,11 @@ impl Obstacles {
             };
             let stands_now = person.is_due_at(time_us) && (*stands || has_room());
             changed |= *stands != stands_now;
+            if stands_now && !*stands {
+                stepped_in.push(*person);
+            }
             *stands = stands_now;
         }
-        changed
+        (changed, stepped_in)
     }
 }

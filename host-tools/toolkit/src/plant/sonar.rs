@@ -9,10 +9,10 @@ use rt_firmware::tasks::ARRAY_SONARS;
 
 use crate::world::Point;
 
-use super::drive::BodyPose;
 use super::noise::{Noise, Source};
 use super::obstacles::Obstacles;
 use super::parameters::SonarParameters;
+use super::pose::BodyPose;
 use super::recorded::Feed;
 
 /// Speed of sound at 20 °C.

@@ -1,8 +1,9 @@
-//! What a person wants to know of a drive afterwards: the path and the rooms.
+//! What a person wants to know of a drive afterwards: the path, the rooms, the touches.
 
 use crate::world::World;
 
-use super::drive::BodyPose;
+use super::pose::BodyPose;
+use super::touch::Touch;
 
 /// Where the body was at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,12 +14,13 @@ pub struct PathSample {
     pub pose: BodyPose,
 }
 
-/// Path and rooms of a run.
+/// Path, rooms and touches of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Statistics {
     path: Vec<PathSample>,
     rooms_entered: Vec<String>,
     room_now: Option<String>,
+    touches: Vec<Touch>,
 }
 
 impl Statistics {
@@ -39,6 +41,21 @@ impl Statistics {
     /// The room in which the robot is, if it is in one.
     pub fn room_now(&self) -> Option<&str> {
         self.room_now.as_deref()
+    }
+
+    /// All touches of walls and people, in the order of their times.
+    pub fn touches(&self) -> &[Touch] {
+        &self.touches
+    }
+
+    /// How many of them a robot that obeys its stop distance could have avoided.
+    pub fn avoidable(&self) -> u32 {
+        // So many touches that they cannot be counted do not fit into a run.
+        self.touches.iter().filter(|touch| touch.avoidable).count() as u32
+    }
+
+    pub(super) fn add_touch(&mut self, touch: Touch) {
+        self.touches.push(touch);
     }
 
     pub(super) fn sample(&mut self, t_us: u64, pose: BodyPose, world: &World) {

@@ -10,10 +10,15 @@
 //! at 60 ms exit   motion/Escape/turn/Back
 //! at 70 ms busy   motion/Cruise         # `free` takes it back
 //! at 40 ms expect not motion/Cruise.near
+//! model motion/Escape/turn/Back exit after 400 ms    # stands in for the task, each time
 //! until 200 ms
 //! ```
 
 pub mod bind;
+pub mod models;
+mod names;
+pub mod ports;
+mod report;
 pub mod time;
 
 use std::fmt;
@@ -47,6 +52,8 @@ pub struct Scenario {
     pub period_us: Option<u32>,
     /// The lines that start with `at`, in the order of the file.
     pub entries: Vec<Entry>,
+    /// The lines that start with `model`, in the order of the file.
+    pub models: Vec<ModelLine>,
     /// Time of the last macro step that may run, in microseconds.
     pub until_us: u64,
     /// Where that is said.
@@ -67,6 +74,18 @@ pub struct Entry {
     /// To what: a path, with or without a flag.
     pub name: Name,
 }
+
+/// A line that starts with `model`: what stands in for the task of a state.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ModelLine {
+    /// The words behind `model`: the state's path first. A comma is a word of its own.
+    pub words: Vec<Name>,
+    /// Where the line ends.
+    pub end: Place,
+}
+
+/// The most models of a scenario: each is looked at before each macro step.
+pub const MAX_MODELS: usize = 1_000;
 
 /// What an entry does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -109,7 +128,7 @@ pub struct Mistake {
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum MistakeCause {
     /// A line starts with something else than a keyword.
-    #[error("a line starts with `at`, `period` or `until`, not with `{found}`{}", did_you_mean(.meant))]
+    #[error("a line starts with `at`, `model`, `period` or `until`, not with `{found}`{}", did_you_mean(.meant))]
     UnknownLine {
         /// The word found.
         found: String,
@@ -244,6 +263,52 @@ pub enum MistakeCause {
         /// The path found.
         path: String,
     },
+    /// More `model` lines than are looked at.
+    #[error("more than {MAX_MODELS} lines start with `model`: leave some out")]
+    TooManyModels,
+    /// A model that does something unknown.
+    #[error(
+        "`{found}` is nothing that a model does: write `set`, `clear`, `exit`, `busy`, `free` or `data`{}",
+        did_you_mean(.meant)
+    )]
+    UnknownModel {
+        /// The word found.
+        found: String,
+        /// A word near it.
+        meant: Option<String>,
+    },
+    /// Another word than the ones that can stand there.
+    #[error("`{found}` stands where {expected} is wanted")]
+    Instead {
+        /// The word found.
+        found: String,
+        /// What is wanted.
+        expected: &'static str,
+    },
+    /// A word that is no number, or not a finite one.
+    #[error("`{found}` is no number")]
+    NoNumber {
+        /// The word found.
+        found: String,
+    },
+    /// A table whose rows go back.
+    #[error("each row of a table comes behind the one before: `{found}` does not")]
+    RowsGoBack {
+        /// The row's first column.
+        found: String,
+    },
+    /// No such data port, or the model uses it the other way round.
+    #[error("`{path}` has no {way} data port `{found}` that is on a path of the mission{}", did_you_mean(.meant))]
+    UnknownPort {
+        /// Path of the state.
+        path: String,
+        /// `in` or `out`.
+        way: &'static str,
+        /// The name found.
+        found: String,
+        /// A port near it.
+        meant: Option<String>,
+    },
 }
 
 /// The end of a message that knows what could have been meant.
@@ -254,7 +319,7 @@ fn did_you_mean(meant: &Option<String>) -> String {
         .unwrap_or_default()
 }
 
-const LINE_WORDS: [&str; 3] = ["at", "period", "until"];
+const LINE_WORDS: [&str; 4] = ["at", "model", "period", "until"];
 
 const COMMANDS: [(&str, Command); 6] = [
     ("set", Command::Set),
@@ -303,6 +368,7 @@ fn read(text: &str) -> (Scenario, Vec<Mistake>) {
     let scenario = Scenario {
         period_us: reading.period.map(|(us, _)| us),
         entries: reading.entries,
+        models: reading.models,
         until_us,
         until_place,
     };
@@ -316,6 +382,7 @@ struct Reading {
     until: Option<(u64, Place)>,
     until_seen: bool,
     entries: Vec<Entry>,
+    models: Vec<ModelLine>,
     mistakes: Vec<Mistake>,
 }
 
@@ -361,6 +428,14 @@ impl Reading {
                 let entry = cursor.entry(at_us, &mut self.mistakes)?;
                 self.entries.push(entry);
                 cursor.end()
+            }
+            "model" => {
+                if self.models.len() == MAX_MODELS {
+                    let cause = MistakeCause::TooManyModels;
+                    return Err(Mistake { place, cause });
+                }
+                self.models.push(cursor.model());
+                Ok(())
             }
             _ => {
                 let meant = nearest(word, LINE_WORDS);
@@ -534,6 +609,30 @@ impl<'a> Cursor<'a> {
         })
     }
 
+    /// The words of a line, a comma behind one as a word of its own.
+    fn model(&mut self) -> ModelLine {
+        let mut words = Vec::new();
+        while let Some((place, word)) = self.word() {
+            let bare = word.trim_end_matches(',');
+            let commas = bare.len()..word.len();
+            let starts = (!bare.is_empty()).then_some(0..bare.len());
+            for part in starts.into_iter().chain(commas.map(|at| at..at + 1)) {
+                let before = word[..part.start].chars().count();
+                words.push(Name {
+                    text: word[part].to_owned(),
+                    place: Place {
+                        col: place.col + before,
+                        ..place
+                    },
+                });
+            }
+        }
+        ModelLine {
+            words,
+            end: self.place,
+        }
+    }
+
     fn end(&mut self) -> Result<(), Mistake> {
         match self.word() {
             Some((place, word)) => Err(Mistake {
@@ -582,7 +681,7 @@ mod tests {
             (
                 "ta 1 ms exit a/B",
                 "1:1",
-                "a line starts with `at`, `period` or `until`, not with `ta`: did you mean `at`?",
+                "a line starts with `at`, `model`, `period` or `until`, not with `ta`: did you mean `at`?",
             ),
             ("at 1 ms Set a/B.c", "1:9", "did you mean `set`?"),
             ("at 1 ms", "1:8", "the line ends here, but what happens"),

@@ -2,9 +2,12 @@
 //! a scenario.
 //!
 //! Tasks are stood in for by the scenario's inputs. Each takes effect before the first macro step
-//! at or after its time; an expectation is looked at after the first macro step at or after its. No
+//! at or after its time; an expectation is looked at after the first macro step at or after its.
+//! What models report comes behind them. No
 //! flag changes by itself: what a robot's dispatchers would work out, such as busy flags, the
 //! scenario has to say.
+
+mod models;
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -16,9 +19,10 @@ use esm_core::reads::StableBytes;
 use esm_core::{Fault, Interpreter, Observer, TransitionTaken, Verified};
 
 use crate::scenario::Name;
-use crate::scenario::bind::{BoundScenario, Expectation, FlagKind, Input, Report, Subject};
+use crate::scenario::bind::{BoundScenario, Expectation, FlagKind, Report, Subject};
 use crate::trace::directory::{Directory, StateId, StateKind};
 use crate::trace::{Snapshot, Step, TraceWriter};
+use models::{Models, Reported};
 
 /// What came of a scenario.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -290,6 +294,7 @@ pub fn run<B: StableBytes>(
     let mut simulation = Simulation {
         machine,
         directory,
+        models: Models::new(&scenario.models),
         writer,
         recent: VecDeque::with_capacity(LAST_TRANSITIONS),
         busy: VecDeque::with_capacity(TIMELINE_STEPS + 2),
@@ -303,6 +308,7 @@ pub fn run<B: StableBytes>(
 struct Simulation<'m, B, W> {
     machine: Interpreter<'m, B>,
     directory: &'m Directory,
+    models: Models<'m>,
     writer: TraceWriter<W>,
     /// Macro step's start, region instance and index of the last transitions.
     recent: VecDeque<(u64, usize, usize)>,
@@ -326,9 +332,10 @@ impl<B: StableBytes, W: Write> Simulation<'_, B, W> {
             };
             let mut lines = Vec::new();
             while let Some(input) = inputs.next_if(|input| input.at_us <= at.t_us) {
-                self.apply(input);
+                self.apply(input.task, input.report);
                 lines.push(input.line);
             }
+            lines.extend(self.apply_models(at));
             self.note(at, lines);
             if let Err(fault) = self.macro_step(at)? {
                 self.outcome.fault = Some((at, fault));
@@ -337,6 +344,7 @@ impl<B: StableBytes, W: Write> Simulation<'_, B, W> {
                 break;
             }
             self.note_active(at);
+            self.note_entered(at);
             while let Some(expectation) =
                 expectations.next_if(|expectation| expectation.at_us <= at.t_us)
             {
@@ -407,11 +415,49 @@ impl<B: StableBytes, W: Write> Simulation<'_, B, W> {
         moments
     }
 
-    fn apply(&mut self, input: &Input) {
-        match input.report {
-            Report::Flag { flag, value } => self.machine.set_flag(input.task, flag, value),
-            Report::Exit => self.machine.report_exit(input.task),
-            Report::Busy(busy) => self.machine.set_busy(input.task, busy),
+    fn apply(&mut self, task: usize, report: Report) {
+        match report {
+            Report::Flag { flag, value } => self.machine.set_flag(task, flag, value),
+            Report::Exit => self.machine.report_exit(task),
+            Report::Busy(busy) => self.machine.set_busy(task, busy),
+        }
+    }
+
+    /// Lets models report before a macro step. Returns the lines of those with news.
+    fn apply_models(&mut self, at: Step) -> Vec<usize> {
+        let Self {
+            models,
+            machine,
+            directory,
+            ..
+        } = self;
+        let is_current = |id: StateId| {
+            let state = directory.index_of(id);
+            state.is_some_and(|state| machine.is_current_state(id.region, state))
+        };
+        let mut lines = Vec::new();
+        for reported in models.report(at.t_us, is_current) {
+            let Reported {
+                line, task, report, ..
+            } = reported;
+            self.apply(task, report);
+            lines.extend(reported.is_new.then_some(line));
+        }
+        lines
+    }
+
+    /// Tells models which states were entered in a macro step.
+    fn note_entered(&mut self, at: Step) {
+        let Some(busy) = self.busy.back().filter(|busy| busy.t_us == at.t_us) else {
+            return;
+        };
+        if self.models.is_empty() {
+            return;
+        }
+        for (region, transition) in &busy.taken {
+            if let Some(words) = self.directory.transition(*region, *transition) {
+                self.models.entered(words.to, at.t_us);
+            }
         }
     }
 
@@ -616,5 +662,7 @@ impl<W: Write> Observer for Watcher<'_, W> {
     }
 }
 
+#[cfg(test)]
+mod model_tests;
 #[cfg(test)]
 pub(crate) mod tests;

@@ -4,6 +4,7 @@ use super::{FailureCause, Outcome, run};
 use crate::samples::{FLOOD, ROVER, directory_and_blob};
 use crate::scenario;
 use crate::scenario::Mistake;
+use crate::scenario::ports::Ports;
 use crate::sim;
 
 struct Ran {
@@ -14,8 +15,9 @@ struct Ran {
 
 fn bind(machine: &str, text: &str) -> Result<Ran, Vec<Mistake>> {
     let (directory, blob) = directory_and_blob(machine);
-    let bound = scenario::bind::bind(&scenario::parse(text)?, &directory)?;
     let verified = esm_core::verify(blob).unwrap();
+    let ports = Ports::of(&verified.tables(), &directory);
+    let bound = scenario::bind::bind(&scenario::parse(text)?, &directory, &ports)?;
     let mut trace = Vec::new();
     let outcome = run(verified, &directory, &bound, &mut trace).unwrap();
     let trace = String::from_utf8(trace)

@@ -461,7 +461,7 @@ fn points(words: &[&str]) -> Result<Vec<Point>, LineError> {
     words.iter().map(|word| point(word)).collect()
 }
 
-fn point(word: &str) -> Result<Point, LineError> {
+pub(crate) fn point(word: &str) -> Result<Point, LineError> {
     let coordinate = |text: &str| {
         let value_m: f64 = text.parse().ok()?;
         (value_m.abs() <= COORDINATE_LIMIT_M).then_some(value_m)

@@ -1,0 +1,200 @@
+//! Squares that a simulated robot drives by its odometry, for `esm umbmark run`.
+
+use std::cell::RefCell;
+use std::io::{self, Write};
+use std::path::Path;
+use std::rc::Rc;
+use std::time::Duration;
+
+use anyhow::anyhow;
+use esm_toolkit::values::Shape;
+
+use crate::cli::exit::CommandError;
+use crate::cli::mission;
+use crate::compile::NameTable;
+use crate::host_board::RobotMaker;
+use crate::lang;
+use crate::odometry::umbmark::{Direction, Offset};
+use crate::parameters::Value;
+use crate::plant::{BodyParameters, Plant};
+use crate::recording::player::Recording;
+use crate::run::board::{Board, LinkWay};
+use crate::run::drive::{Plan, Planned, drive};
+use crate::run::interrupt::Interrupt;
+use crate::run::mission::Mission;
+
+use crate::world::World;
+
+/// The mission: counter-clockwise, with sides of 1 m.
+const SQUARE: &str = include_str!("square.esm");
+
+/// What in it says how long a side is, and which way the corners go.
+const SIDE: &str = "distance_m = 1.0";
+const TO_THE_LEFT: &str = " / set .left";
+
+/// The tasks that it has.
+const ROVER: &str = include_str!("../../../../missions/rover.esm");
+
+/// What the mission is called in messages.
+const NAME: &str = "square.esm";
+
+/// How slowly a square is driven at the slowest, in metres per second, and how long its corners
+/// take at most, all four: far more than each takes.
+const SLOWEST_M_PER_S: f64 = 0.1;
+const CORNERS_S: f64 = 60.0;
+
+/// How often the pose is kept.
+const SAMPLE_PERIOD: Duration = Duration::from_millis(100);
+
+/// A robot that is to drive squares of one size.
+pub struct Squares {
+    missions: [(Direction, Mission); 2],
+    world: World,
+    body: BodyParameters,
+    until_us: u64,
+}
+
+impl Squares {
+    /// Squares with sides of `side_m`, driven by this body.
+    ///
+    /// # Errors
+    /// If the mission does not compile.
+    pub fn new(side_m: f64, body: BodyParameters) -> Result<Self, CommandError> {
+        let mission = |direction| Ok::<_, CommandError>((direction, square(direction, side_m)?));
+        // Both ways round, with a side to spare everywhere.
+        let far_m = 2.0 * side_m + 1.0;
+        let hall = format!(
+            "world hall\nstart 0,0 0\nwall -{far_m},-{far_m} {far_m},-{far_m} {far_m},{far_m} -{far_m},{far_m} -{far_m},-{far_m}"
+        );
+        Ok(Squares {
+            missions: [
+                mission(Direction::Clockwise)?,
+                mission(Direction::CounterClockwise)?,
+            ],
+            world: World::parse(&hall).map_err(|error| CommandError::Input(error.into()))?,
+            body,
+            until_us: ((4.0 * side_m / SLOWEST_M_PER_S + CORNERS_S) * 1e6) as u64,
+        })
+    }
+
+    /// Drives one square. Returns where the robot really is at its end, from where its odometry
+    /// takes it to be.
+    ///
+    /// # Errors
+    /// If the square is not driven to its end.
+    pub fn drive(
+        &self,
+        direction: Direction,
+        seed: u64,
+        robot: RobotMaker,
+        interrupt: Interrupt,
+    ) -> Result<Offset, CommandError> {
+        let missions = self.missions.iter();
+        let mission = missions.filter(|(way, _)| *way == direction);
+        let recorded = Recorded::default();
+        let plan = Plan {
+            link: LinkWay::Exchange,
+            seed,
+            body: self.body,
+            until_us: Some(self.until_us),
+            record: Some(Box::new(recorded.clone())),
+            sample_period: Some(SAMPLE_PERIOD),
+            ..Plan::new(
+                Board::Host { robot },
+                self.world.clone(),
+                mission.map(|(_, it)| Planned::first(it.clone())).collect(),
+            )
+        };
+        let run = drive(plan, io::sink(), interrupt, &mut |_| ())?;
+        if run.summary.interrupted {
+            return Err(CommandError::World(anyhow!(
+                "ended by Ctrl-C before all squares were driven"
+            )));
+        }
+        if let Some(fault) = run.summary.fault {
+            return Err(CommandError::Input(anyhow!(
+                "a square ended early: {fault}"
+            )));
+        }
+        if run.summary.finished_s.is_none() {
+            return Err(CommandError::Input(anyhow!(
+                "a square was not driven within {} s: does the robot take its wheels for other ones?",
+                self.until_us / 1_000_000
+            )));
+        }
+        let told = last_pose(&recorded.0.borrow())?;
+        Ok(off(&run.plant, told))
+    }
+}
+
+/// The mission that goes round this way.
+fn square(direction: Direction, side_m: f64) -> Result<Mission, CommandError> {
+    let text = SQUARE.replace(SIDE, &format!("distance_m = {side_m:?}"));
+    let text = match direction {
+        Direction::Clockwise => text.replace(TO_THE_LEFT, ""),
+        Direction::CounterClockwise => text,
+    };
+    let mut checked = lang::load_texts(&[(NAME, &text), ("rover.esm", ROVER)]);
+    let blob = mission::lay_out_and_compile(&mut checked, None, NameTable::Kept)?;
+    let defect = || CommandError::Input(anyhow!("{}", checked.render(false)));
+    let blob = blob.ok_or_else(defect)?;
+    Mission::new(Path::new(NAME), blob).map_err(|error| CommandError::Input(error.into()))
+}
+
+/// A recording that is kept in memory.
+#[derive(Clone, Default)]
+struct Recorded(Rc<RefCell<Vec<u8>>>);
+
+impl Write for Recorded {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.borrow_mut().extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Where the robot took itself to be at last, in metres: the mission has one net with a pose.
+fn last_pose(recording: &[u8]) -> Result<[f64; 2], CommandError> {
+    let unread = |error: &dyn std::fmt::Display| {
+        CommandError::Input(anyhow!("what the robot told of its pose: {error}"))
+    };
+    let recording = Recording::read(recording).map_err(|error| unread(&error))?;
+    let mut last = None;
+    for sample in recording.samples() {
+        let sample = sample.map_err(|error| unread(&error))?;
+        for (watched, values) in sample.nets.iter().zip(&sample.values) {
+            if watched.shape() == Shape::Pose
+                && let Some([Value::F32(x_m), Value::F32(y_m), ..]) = values.as_deref()
+            {
+                last = Some([f64::from(*x_m), f64::from(*y_m)]);
+            }
+        }
+    }
+    last.ok_or_else(|| unread(&"nothing"))
+}
+
+/// From where the robot takes itself to be to where it really is, along the first side and to the
+/// left of it.
+fn off(plant: &Plant, [x_m, y_m]: [f64; 2]) -> Offset {
+    let (start, end) = (plant.world().start.position, plant.pose().position);
+    Offset {
+        x_mm: (end.x_m - start.x_m - x_m) * 1e3,
+        y_mm: (end.y_m - start.y_m - y_m) * 1e3,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mission_has_one_place_for_its_side_and_one_for_its_corners() {
+        // That of the corners stands in a comment, too, without the blank.
+        for what in [SIDE, TO_THE_LEFT] {
+            assert_eq!(SQUARE.matches(what).count(), 1, "{what}");
+        }
+    }
+}
