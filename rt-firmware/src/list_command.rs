@@ -1,6 +1,7 @@
 //! What the link asks of the list of behaviours, on its way to the list's owner and back.
 
 use crate::declaration::Params;
+use crate::features::BEHAVIOURS;
 use esm_link::behaviours::{
     ENTRY_BYTES, ListEntry, MAX_CALL_PARAMS, MAX_WATCHES, ScriptStatus, Watch,
 };
@@ -130,62 +131,75 @@ impl Report {
     }
 }
 
-/// The one command that is on its way, or its answer.
+/// The one command that is on its way, or its answer. A firmware without behaviours has no room for
+/// it.
 #[derive(Debug)]
-pub(crate) struct CommandBox {
+pub(crate) struct CommandBox([Place; BEHAVIOURS as usize]);
+
+#[derive(Debug)]
+struct Place {
     command: Option<ListCommand>,
     answer: Option<Answer>,
-    /// When the owner of the list asked last, on the robot's clock.
+    /// When the owner of the list asked last, in robot time.
     heard_us: Option<u64>,
 }
 
-impl CommandBox {
-    /// Nothing is on its way.
-    pub(crate) const EMPTY: Self = Self {
+impl Place {
+    const EMPTY: Self = Self {
         command: None,
         answer: None,
         heard_us: None,
     };
+}
 
-    /// Puts a command in, at this time of the robot.
+impl CommandBox {
+    /// Nothing is on its way.
+    pub(crate) const EMPTY: Self = Self([Place::EMPTY; BEHAVIOURS as usize]);
+
+    /// Puts a command in, at this robot time.
     ///
     /// # Errors
     /// [`LinkError::NoBehaviours`] where nobody would take it.
     pub(crate) fn put(&mut self, command: ListCommand, now_us: u64) -> Result<(), LinkError> {
+        let place = self.0.first_mut().ok_or(LinkError::NoBehaviours)?;
         let is_heard =
-            (self.heard_us).is_some_and(|heard_us| now_us.saturating_sub(heard_us) <= DEAF_US);
+            (place.heard_us).is_some_and(|heard_us| now_us.saturating_sub(heard_us) <= DEAF_US);
         if !is_heard {
             return Err(LinkError::NoBehaviours);
         }
-        (self.command, self.answer) = (Some(command), None);
+        (place.command, place.answer) = (Some(command), None);
         Ok(())
     }
 
     /// Takes it, for the owner of the list.
     pub(crate) fn take(&mut self, now_us: u64) -> Option<ListCommand> {
-        self.heard_us = Some(now_us);
-        self.command.take()
+        let place = self.0.first_mut()?;
+        place.heard_us = Some(now_us);
+        place.command.take()
     }
 
     /// What came of it.
     pub(crate) fn answer(&mut self, answer: Answer) {
-        self.answer = Some(answer);
+        if let Some(place) = self.0.first_mut() {
+            place.answer = Some(answer);
+        }
     }
 
     /// Takes the answer, if there is one.
     pub(crate) fn take_answer(&mut self) -> Option<Answer> {
-        self.answer.take()
+        self.0.first_mut()?.answer.take()
     }
 
     /// Nobody waits for an answer any more.
     pub(crate) fn give_up(&mut self) {
-        (self.command, self.answer) = (None, None);
+        if let Some(place) = self.0.first_mut() {
+            (place.command, place.answer) = (None, None);
+        }
     }
 
     /// Another mission begins, whose owner of the list nobody has heard of.
     pub(crate) fn forget(&mut self) {
-        self.give_up();
-        self.heard_us = None;
+        *self = Self::EMPTY;
     }
 }
 

@@ -7,7 +7,7 @@ use heapless::spsc::{Consumer, Producer};
 
 use super::mailbox::{Command, Content, NO_DEADLINE, Posted, Reply};
 use crate::board::{Board, ticks};
-use crate::features::WARM;
+use crate::features::{BEHAVIOURS, WARM};
 use esm_link::message::LinkError;
 
 /// The command, wherever it is, and the queues that bring it and take it back.
@@ -18,7 +18,7 @@ pub(crate) struct Commands<'q, 'm> {
     /// interpreter's next activation.
     waiting: Option<&'m mut Content<'m>>,
     /// What the owner of the list of behaviours is to do, and until when it may take, in ticks.
-    of_behaviours: Option<(&'m mut Content<'m>, u64)>,
+    of_behaviours: [Option<(&'m mut Content<'m>, u64)>; BEHAVIOURS as usize],
     /// What is answered when the new mission begins.
     answered: Option<&'m mut Content<'m>>,
     /// When it is too late for what waits, on the board's clock in microseconds.
@@ -36,7 +36,7 @@ impl<'q, 'm> Commands<'q, 'm> {
             from_link,
             to_link,
             waiting: None,
-            of_behaviours: None,
+            of_behaviours: [const { None }; BEHAVIOURS as usize],
             answered: None,
             waiting_by_us: NO_DEADLINE,
             waiting_since_ticks: 0,
@@ -130,19 +130,23 @@ impl<'q, 'm> Commands<'q, 'm> {
 
     /// Lets it wait for the owner of the list of behaviours, until this time.
     pub(super) fn wait_for_behaviours(&mut self, content: &'m mut Content<'m>, until_ticks: u64) {
-        self.of_behaviours = Some((content, until_ticks));
+        match self.of_behaviours.first_mut() {
+            Some(place) => *place = Some((content, until_ticks)),
+            None => self.send(content),
+        }
     }
 
     /// Whether it waits for the owner of the list of behaviours; and then, whether it has waited
     /// long enough.
     pub(super) fn waits_for_behaviours(&self, now_ticks: u64) -> Option<bool> {
-        let (_, until_ticks) = self.of_behaviours.as_ref()?;
+        let (_, until_ticks) = self.of_behaviours.first()?.as_ref()?;
         Some(now_ticks > *until_ticks)
     }
 
     /// Sends the reply of the owner of the list of behaviours.
     pub(super) fn reply_of_behaviours(&mut self, reply: Reply<'m>) {
-        if let Some((content, _)) = self.of_behaviours.take() {
+        let waiting = (self.of_behaviours.first_mut()).and_then(Option::take);
+        if let Some((content, _)) = waiting {
             *content = Content::Reply(reply);
             self.send(content);
         }
