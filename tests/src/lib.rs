@@ -9,11 +9,12 @@
 //! is a robot that lies. [`occasions`] counts how often what is easy to get wrong happened.
 //! [`command`] drives the project from outside, as a person at a terminal does, [`terminal`] is
 //! that terminal, and [`environment`] reads what a person sets for a longer run. [`endurance`] lets
-//! a robot drive for hours, [`host_drive`] for a while; [`recorded`] records what enters its
-//! interpreter. [`benchmark`] is what measures machines and tells it. [`guesses`] are what people
-//! write who know other tools.
+//! a robot drive for hours, [`host_drive`] for a while, [`behaviour_run`] by one behaviour;
+//! [`recorded`] records what enters its interpreter. [`benchmark`] is what measures machines and
+//! tells it. [`guesses`] are what people write who know other tools.
 
 pub mod attack;
+pub mod behaviour_run;
 pub mod benchmark;
 pub mod calibration;
 pub mod command;

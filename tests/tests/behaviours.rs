@@ -53,7 +53,20 @@ fn a_firmware_tells_its_behaviours_and_their_parameters() {
     let names: Vec<&str> = (behaviours.iter())
         .map(|behaviour| behaviour["name"].as_str().unwrap())
         .collect();
-    assert_eq!(names, ["Move", "TurnTo", "GoTo"]);
+    assert_eq!(
+        names,
+        [
+            "Move",
+            "TurnTo",
+            "GoTo",
+            "FollowCorridor",
+            "PassDoor",
+            "AlongWall",
+            "Wander",
+            "Approach",
+            "FollowObject"
+        ]
+    );
     let angle = &behaviours[1]["params"][0];
     assert_eq!(angle["name"], "angle_rad");
     assert_eq!(angle["type"], "f32");

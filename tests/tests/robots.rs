@@ -283,7 +283,18 @@ fn slots_that_both_missions_have_go_on_or_are_told_before_anything_is_sent() {
 }
 
 /// The tasks that the emulated board's firmware has only where it is built with them.
-const BEHAVIOURS: [&str; 4] = ["Behaviours", "Move", "TurnTo", "GoTo"];
+const BEHAVIOURS: [&str; 10] = [
+    "Behaviours",
+    "Move",
+    "TurnTo",
+    "GoTo",
+    "FollowCorridor",
+    "PassDoor",
+    "AlongWall",
+    "Wander",
+    "Approach",
+    "FollowObject",
+];
 
 #[test]
 fn a_robot_declares_the_tasks_that_the_missions_take_in() {

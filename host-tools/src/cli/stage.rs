@@ -32,7 +32,7 @@ use crate::world::{World, WorldError};
 
 /// The worlds that ship, by the names under which they are asked for. The first is driven in where
 /// none is named.
-const SHIPPED_WORLDS: [(&str, &str); 5] = [
+const SHIPPED_WORLDS: [(&str, &str); 6] = [
     (
         "office",
         include_str!("../../../missions/worlds/office.world"),
@@ -52,6 +52,10 @@ const SHIPPED_WORLDS: [(&str, &str); 5] = [
     (
         "visitors",
         include_str!("../../../missions/worlds/visitors.world"),
+    ),
+    (
+        "office_floor",
+        include_str!("../../../missions/worlds/office_floor.world"),
     ),
 ];
 

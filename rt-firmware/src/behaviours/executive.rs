@@ -75,7 +75,7 @@ task! {
 
 impl<R: Repertoire> Task for Behaviours<R> {
     fn reset(&mut self) {
-        *self = Self::default();
+        self.forget_all();
     }
 
     fn step(&mut self, io: &mut Io<'_>) -> Step {
@@ -89,7 +89,7 @@ impl<R: Repertoire> Task for Behaviours<R> {
         let command = io.take_list_command();
         let Some(list) = io.try_update(Self::LIST) else {
             // The list of the mission before is gone, and who was on it.
-            *self = Self::default();
+            self.forget_all();
             *io.write(Self::MADE) = BehaviourList::EMPTY;
             *io.write(Self::TWIST) = Twist::STILL;
             io.set(Self::IDLE, true);
@@ -116,6 +116,15 @@ impl<R: Repertoire> Task for Behaviours<R> {
 }
 
 impl<R: Repertoire> Behaviours<R> {
+    /// Nobody was inserted. In place, for a second one of these would take kilobytes of the stack.
+    fn forget_all(&mut self) {
+        for place in &mut self.inserted {
+            *place = None;
+        }
+        self.remote = None;
+        self.script.forget_all();
+    }
+
     /// Lets all execute that no task state has inserted. Whether a situation is up that is to be
     /// noticed.
     fn execute(&mut self, list: &mut BehaviourList, around: &Surroundings<'_>) -> bool {

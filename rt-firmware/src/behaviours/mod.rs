@@ -16,11 +16,11 @@
 //!
 //! /// Drives ahead until something is nearer than a metre.
 //! #[derive(Debug, Default)]
-//! pub struct ApproachLaw;
+//! pub struct ComeNearLaw;
 //!
 //! behaviour! {
 //!     /// Drives ahead until something is near.
-//!     impl Approach runs ApproachLaw {
+//!     impl ComeNear runs ComeNearLaw {
 //!         wcet 300 us;
 //!         params {
 //!             /// How fast, in metres per second.
@@ -29,13 +29,13 @@
 //!     }
 //! }
 //!
-//! impl Behaviour for ApproachLaw {
+//! impl Behaviour for ComeNearLaw {
 //!     fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {
 //!         if scene.ranges.is_none_or(|ranges| ranges.ahead_m() < 1.0) {
 //!             return Control::Done;
 //!         }
 //!         Control::Move(Twist {
-//!             forward_m_per_s: params.get(Approach::SPEED_M_PER_S),
+//!             forward_m_per_s: params.get(ComeNear::SPEED_M_PER_S),
 //!             turn_rad_per_s: 0.0,
 //!         })
 //!     }
@@ -45,13 +45,22 @@
 //! Source: Schoute, "Behaviour-based control framework for an autonomous mobile robot", sections 3
 //! and 4.
 
+mod along_wall;
+mod approach;
+mod beams;
+mod corridor;
 mod executive;
+mod follow_corridor;
+mod follow_object;
 mod go_to;
 mod inserted;
 mod law;
 mod life_cycle;
 mod list;
 mod move_on;
+mod openings;
+mod pass_door;
+mod pings;
 mod place;
 mod remote_control;
 mod repertoire;
@@ -60,20 +69,27 @@ mod script;
 mod shipped;
 pub mod situation;
 mod turn_to;
+mod wander;
 mod watches;
 
 pub use crate::declaration::Params;
+pub use along_wall::{AlongWall, AlongWallLaw};
+pub use approach::{Approach, ApproachLaw};
 pub use executive::Behaviours;
+pub use follow_corridor::{FollowCorridor, FollowCorridorLaw};
+pub use follow_object::{FollowObject, FollowObjectLaw};
 pub use go_to::{GoTo, GoToLaw};
 pub use law::{Behaviour, Control, Scene};
 pub use life_cycle::{Cause, LifeState};
 pub use list::{BehaviourList, Key, ListFull, MAX_BEHAVIOURS, UNSEEN_LOOKS};
 pub use move_on::{Move, MoveLaw};
+pub use pass_door::{PassDoor, PassDoorLaw};
 pub use repertoire::{BehaviourTask, Repertoire};
 #[doc(hidden)]
 pub use runner::{Ports, Runner};
 pub use shipped::ShippedLaws;
 pub use turn_to::{TurnTo, TurnToLaw};
+pub use wander::{Wander, WanderLaw};
 
 /// Declares a task that runs a [`Behaviour`]; see [the module](mod@crate::behaviours) for an
 /// example.

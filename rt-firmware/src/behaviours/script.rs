@@ -13,6 +13,13 @@ struct Steps {
 }
 
 impl Steps {
+    fn forget_all(&mut self) {
+        self.script = 0;
+        for call in &mut self.calls {
+            *call = None;
+        }
+    }
+
     const NONE: Self = Self {
         script: 0,
         calls: [None; MAX_SCRIPT_STEPS],
@@ -42,6 +49,15 @@ impl Default for Script {
 }
 
 impl Script {
+    /// There is none. In place, see [`Behaviours`](super::Behaviours).
+    pub(super) fn forget_all(&mut self) {
+        for steps in &mut self.steps {
+            steps.forget_all();
+        }
+        self.status = ScriptStatus::default();
+        self.current = None;
+    }
+
     /// How it is.
     pub(super) fn status(&self) -> ScriptStatus {
         self.status
@@ -64,10 +80,8 @@ impl Script {
             return Err(LinkError::NoScript);
         };
         if arriving.script != script {
-            *arriving = Steps {
-                script,
-                ..Steps::NONE
-            };
+            arriving.forget_all();
+            arriving.script = script;
         }
         match arriving.calls.get_mut(usize::from(index)) {
             Some(place) => {
@@ -95,7 +109,7 @@ impl Script {
         }
         self.runs = 1 - self.runs;
         if let Some(before) = self.steps.get_mut(1 - self.runs) {
-            *before = Steps::NONE;
+            before.forget_all();
         }
         self.current = None;
         self.status = ScriptStatus {

@@ -20,7 +20,7 @@ pub fn wrapped_rad(angle_rad: f32) -> f32 {
 /// The angle's distance from the nearest quarter turn, an eighth at most, goes into the two power
 /// series, cut where the next term is less than half of an `f32`'s last bit; the number of quarter
 /// turns says which is which.
-pub(super) fn sine_and_cosine(angle_rad: f32) -> (f32, f32) {
+pub(crate) fn sine_and_cosine(angle_rad: f32) -> (f32, f32) {
     /// A quarter turn in two parts. The first has so few bits that its products with small numbers
     /// are exact.
     const QUARTER_RAD: f32 = 1.570_312_5;

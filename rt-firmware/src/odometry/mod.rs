@@ -18,6 +18,7 @@ mod arc;
 mod frame;
 mod uncertainty;
 
+pub(crate) use angle::sine_and_cosine;
 pub use angle::wrapped_rad;
 pub use frame::{Frame, LocalFrame, Pose};
 pub use uncertainty::Uncertainty;

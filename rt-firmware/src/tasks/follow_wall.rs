@@ -1,31 +1,10 @@
 //! Keeps a wall to the right at a distance.
 
-use core::f32::consts::FRAC_1_SQRT_2;
-
+use super::laws::WallSight;
 use super::values::{Ranges, Twist};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
-
-/// Distance of the sonars from the robot's centre, in metres.
-const RIM_M: f32 = 0.11;
-
-/// Turning speed for each metre too far from the wall.
-const DISTANCE_GAIN_RAD_PER_S_M: f32 = 2.5;
-
-/// Turning speed for each unit of the wall's slope against the heading.
-const SLOPE_GAIN_RAD_PER_S: f32 = 1.2;
-
-/// Steering takes no notice of distances and slopes beyond these.
-const DISTANCE_ERROR_LIMIT_M: f32 = 0.15;
-const SLOPE_LIMIT: f32 = 0.5;
-
-/// The wall is lost when it is farther away than this many times the distance to keep.
-const LOST_FACTOR: f32 = 2.5;
-
-/// Something at 45° to the right is in the way when it is nearer than this part of the distance to
-/// keep; a wall that is followed well is farther there than the distance itself.
-const DIAGONAL_PART: f32 = 0.75;
 
 /// Drives along a wall to its right, `distance_m` from rim to wall. It stands where it does not
 /// know what is ahead, to the right, or in between. As long as it has no ranges, it stands and
@@ -77,40 +56,33 @@ impl Task for FollowWall {
         let distance_m = io.param(Self::DISTANCE_M);
         let all_m = [ranges.ahead_m(), ranges.ahead_right_m(), ranges.right_m()];
         let known = all_m.iter().all(|range_m| *range_m > 0.0);
-        let too_far_m =
-            (ranges.right_m() - distance_m).clamp(-DISTANCE_ERROR_LIMIT_M, DISTANCE_ERROR_LIMIT_M);
+        let sight = WallSight {
+            beside_m: ranges.right_m(),
+            diagonal_m: ranges.ahead_right_m(),
+        };
         *io.write(Self::TWIST) = if known {
             Twist {
                 forward_m_per_s: io.param(Self::SPEED_M_PER_S),
-                turn_rad_per_s: -DISTANCE_GAIN_RAD_PER_S_M * too_far_m
-                    - SLOPE_GAIN_RAD_PER_S * slope(ranges),
+                turn_rad_per_s: -sight.towards_rad_per_s(distance_m),
             }
         } else {
             Twist::STILL
         };
-        let scrapes = ranges.ahead_right_m() < DIAGONAL_PART * distance_m;
+        let scrapes = sight.scrapes(distance_m);
         io.set(
             Self::AHEAD,
             scrapes || ranges.ahead_m() < io.param(Self::AHEAD_M),
         );
-        io.set(Self::LOST, ranges.right_m() > LOST_FACTOR * distance_m);
+        io.set(Self::LOST, sight.is_lost(distance_m));
         Step::Run
     }
-}
-
-/// How fast the wall to the right recedes, in metres for each metre driven: worked out from the
-/// beam to the right and the one at 45°, which meet a parallel wall at the same distance beside the
-/// robot.
-fn slope(ranges: &Ranges) -> f32 {
-    let beside_m = ranges.right_m() + RIM_M;
-    let diagonal_m = (ranges.ahead_right_m() + RIM_M) * FRAC_1_SQRT_2;
-    ((diagonal_m - beside_m) / diagonal_m).clamp(-SLOPE_LIMIT, SLOPE_LIMIT)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::TaskBench;
+    use crate::tasks::laws::RIM_M;
 
     /// Ranges beside a straight wall, `distance_m` from the rim, in a direction `away_rad` off its
     /// own.

@@ -1,5 +1,7 @@
 //! Laws that several tasks move by.
 
+use core::f32::consts::FRAC_1_SQRT_2;
+
 use super::values::{Chassis, Pose, Twist, WheelSpeeds};
 use crate::odometry::LocalFrame;
 
@@ -90,6 +92,59 @@ impl OnTrack {
         let towards = (-self.left_m * Self::RAD_PER_M).clamp(-Self::MOST_RAD, Self::MOST_RAD);
         let wanted_rad = if is_backwards { -towards } else { towards };
         (wanted_rad - self.turned_rad) * Self::TURN_PER_S
+    }
+}
+
+/// Distance of the sonars from the robot's centre, in metres.
+pub const RIM_M: f32 = 0.11;
+
+/// A wall beside the robot, as the sonar sees it that looks there, and the one half ahead of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WallSight {
+    /// Range of the sonar at a right angle, in metres from the rim.
+    pub beside_m: f32,
+    /// Range of the sonar at 45° ahead of it, in metres from the rim.
+    pub diagonal_m: f32,
+}
+
+impl WallSight {
+    /// Turning speed for each metre too far from the wall.
+    const DISTANCE_GAIN_RAD_PER_S_M: f32 = 2.5;
+    /// Turning speed for each unit of the wall's slope against the heading.
+    const SLOPE_GAIN_RAD_PER_S: f32 = 1.2;
+    /// Steering takes no notice of distances and slopes beyond these.
+    const DISTANCE_ERROR_LIMIT_M: f32 = 0.15;
+    const SLOPE_LIMIT: f32 = 0.5;
+    /// The wall is lost when it is farther away than this many times the distance to keep.
+    const LOST_FACTOR: f32 = 2.5;
+    /// Something at 45° is in the way when it is nearer than this part of the distance to keep; a
+    /// wall that is followed well is farther there than the distance itself.
+    const DIAGONAL_PART: f32 = 0.75;
+
+    /// The turning speed towards the wall, in rad/s, that keeps the robot's rim `distance_m` from
+    /// it, in metres.
+    pub fn towards_rad_per_s(&self, distance_m: f32) -> f32 {
+        let limit_m = Self::DISTANCE_ERROR_LIMIT_M;
+        let too_far_m = (self.beside_m - distance_m).clamp(-limit_m, limit_m);
+        Self::DISTANCE_GAIN_RAD_PER_S_M * too_far_m + Self::SLOPE_GAIN_RAD_PER_S * self.slope()
+    }
+
+    /// How fast the wall recedes, in metres for each metre driven: worked out from the beam to the
+    /// side and the one at 45°, which meet a parallel wall at the same distance beside the robot.
+    fn slope(&self) -> f32 {
+        let beside_m = self.beside_m + RIM_M;
+        let diagonal_m = (self.diagonal_m + RIM_M) * FRAC_1_SQRT_2;
+        ((diagonal_m - beside_m) / diagonal_m).clamp(-Self::SLOPE_LIMIT, Self::SLOPE_LIMIT)
+    }
+
+    /// Whether there is no wall at this distance, in metres.
+    pub fn is_lost(&self, distance_m: f32) -> bool {
+        self.beside_m > Self::LOST_FACTOR * distance_m
+    }
+
+    /// Whether something is so near at 45° that the robot would scrape along it.
+    pub fn scrapes(&self, distance_m: f32) -> bool {
+        self.diagonal_m < Self::DIAGONAL_PART * distance_m
     }
 }
 

@@ -77,7 +77,7 @@ pub use drive_distance::DriveDistance;
 pub use drive_open_loop::DriveOpenLoop;
 pub use follow_line::FollowLine;
 pub use follow_wall::FollowWall;
-pub use laws::{Approach, OnTrack, Track, ramped};
+pub use laws::{Approach, OnTrack, RIM_M, Track, WallSight, ramped};
 pub use line_monitor::LineMonitor;
 pub use line_sensor::LineSensor;
 pub use link_monitor::LinkMonitor;
