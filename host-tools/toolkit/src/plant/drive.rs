@@ -146,9 +146,7 @@ impl Drive {
 
     fn move_body(&mut self, end_us: u64) -> Option<Touch> {
         let movement = self.movement();
-        if movement.is_still() {
-            self.oracle.stands_still();
-        }
+        self.oracle.passes(movement.is_still(), STEP_S);
         let way_m = movement.way_m_per_s * STEP_S;
         let turn_rad = movement.turn_rad_per_s * STEP_S;
         let (sin, cos) = libm::sincos(self.pose.heading_rad + turn_rad / 2.0);

@@ -6,7 +6,8 @@
 //! is free along its movement, up to that person. Where the free way is no longer than the needed
 //! way, no brakes help.
 //!
-//! That excuse ends when the robot has stood still, or has driven more than the needed way: from
+//! That excuse ends when the robot has stood still for as long as it takes to react, for brakes may
+//! swing through a standstill, or has driven more than the needed way: from
 //! then on it has had its chance.
 
 use rt_firmware::behaviours::situation::SafetyCheck;
@@ -99,8 +100,16 @@ struct Met {
     encounter: Encounter,
     /// Way of the body since the start, in metres, when it happened.
     driven_m: f64,
-    /// The robot has not stood still since.
-    in_motion: bool,
+    /// How long the robot has stood still since, at one time, in seconds; it stays where that is
+    /// the time of its reaction.
+    stood_s: f64,
+}
+
+impl Met {
+    /// The robot has stood still since.
+    fn has_stood(&self) -> bool {
+        self.stood_s >= REACTION_S
+    }
 }
 
 impl Oracle {
@@ -111,14 +120,16 @@ impl Oracle {
             line,
             encounter,
             driven_m,
-            in_motion: true,
+            stood_s: 0.0,
         });
     }
 
-    /// The robot stands still.
-    pub fn stands_still(&mut self) {
+    /// The robot stands still, or moves, for so long.
+    pub fn passes(&mut self, is_still: bool, time_s: f64) {
         for met in &mut self.met {
-            met.in_motion = false;
+            if !met.has_stood() {
+                met.stood_s = if is_still { met.stood_s + time_s } else { 0.0 };
+            }
         }
     }
 
@@ -137,7 +148,7 @@ impl Oracle {
         };
         let is_excused = met.is_some_and(|met| {
             let is_in_time = driven_m - met.driven_m <= met.encounter.needed_m;
-            met.encounter.is_too_late() && met.in_motion && is_in_time
+            met.encounter.is_too_late() && !met.has_stood() && is_in_time
         });
         Touch {
             t_us,
@@ -169,31 +180,32 @@ mod tests {
     fn a_person_who_steps_in_too_near_is_an_excuse_until_the_robot_has_had_its_chance() {
         /// Needed at 0.3 m/s: 0.06 m to react and 0.05625 m to brake.
         const NEEDED_M: f64 = 0.116_25;
-        for (what, free_m, driven_m, has_stood, avoidable) in [
-            ("too near", Some(0.1), 0.1, false, false),
+        for (what, free_m, driven_m, stood_s, avoidable) in [
+            ("too near", Some(0.1), 0.1, 0.0, false),
             (
                 "just too near",
                 Some(NEEDED_M - 1e-6),
                 NEEDED_M - 1e-6,
-                false,
+                0.0,
                 false,
             ),
             (
                 "far enough",
                 Some(NEEDED_M + 1e-6),
                 NEEDED_M + 1e-6,
-                false,
+                0.0,
                 true,
             ),
-            ("not in the way, then steered into", None, 0.05, false, true),
+            ("not in the way, then steered into", None, 0.05, 0.0, true),
             (
                 "missed at first, then driven into",
                 Some(0.1),
                 2.0,
-                false,
+                0.0,
                 true,
             ),
-            ("stood before, and drove on", Some(0.1), 0.1, true, true),
+            ("stood before, and drove on", Some(0.1), 0.1, 0.2, true),
+            ("swung through a standstill", Some(0.1), 0.1, 0.1, false),
         ] {
             let movement = Movement {
                 pose: BodyPose::default(),
@@ -207,8 +219,9 @@ mod tests {
             );
             let mut oracle = Oracle::default();
             oracle.steps_in(4, encounter, 5.0);
-            if has_stood {
-                oracle.stands_still();
+            // Two times that are each too short, with a movement between, are none.
+            for (is_still, time_s) in [(true, 0.15), (false, 0.01), (true, stood_s)] {
+                oracle.passes(is_still, time_s);
             }
             let judge =
                 |touched| oracle.judge(2_000, Point::default(), touched, 0.3, 5.0 + driven_m);
