@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use clap::{Args, Subcommand};
 use esm_link::behaviours::BehaviourRequest;
 use esm_link::features::Feature;
@@ -15,7 +15,7 @@ use super::mission;
 use super::robot::{Robot, RobotArgs};
 use super::tasks::{self, AskedArgs};
 use crate::host_board::RobotMaker;
-use crate::lang;
+use crate::lang::{self, LoadError};
 use crate::model::Task;
 use crate::script::{Script, read};
 
@@ -177,7 +177,13 @@ fn check(args: &CheckArgs, robot: RobotMaker, console: &mut Console) -> Result<(
 /// # Errors
 /// If the file cannot be read.
 pub fn text_of(file: &Path) -> Result<String, CommandError> {
-    let bytes = lang::read_source(file).map_err(|error| CommandError::Input(error.into()))?;
+    mission::refuse_blob(file)?;
+    let bytes = lang::read_source(file).map_err(|error| match error {
+        LoadError::NotAFile { path } => {
+            CommandError::Input(anyhow!("`{}` is not a file: name a script", path.display()))
+        }
+        other => mission::unread(file, &other),
+    })?;
     String::from_utf8(bytes)
         .with_context(|| format!("{} is no text", file.display()))
         .map_err(CommandError::Input)
