@@ -456,6 +456,36 @@ fn the_behaviour_before_goes_on_when_the_hand_is_off() {
     );
 }
 
+#[test]
+fn an_errand_as_a_script_ends_where_it_began() {
+    let file = root().join("missions/errand.script");
+    let script = script(&std::fs::read_to_string(file).unwrap());
+    assert_eq!(script.steps, 14);
+    for seed in 1..=3 {
+        let run = host_drive::driven(Plan {
+            seed,
+            until_us: Some(270_000_000),
+            by_hand: ByHand {
+                script: Some((500_000, script.clone())),
+                driven: Vec::new(),
+            },
+            ..host_drive::plan(&root().join("missions/by_hand.esm"), world("office_floor"))
+        });
+        let path = run.plant.statistics().path();
+        let (start, end) = (path[0].pose.position, path[path.len() - 1].pose.position);
+        let off_m = libm::sqrt(start.squared_distance_m2(end));
+        let far_m2 = path
+            .iter()
+            .map(|sample| start.squared_distance_m2(sample.pose.position));
+        assert!(
+            far_m2.fold(0.0, f64::max) > 8.0 * 8.0,
+            "it was in the other room"
+        );
+        assert!(off_m < 0.25, "seed {seed}: {off_m} m");
+        assert_eq!(run.plant.collisions(), 0, "seed {seed}");
+    }
+}
+
 /// What a run leaves with these words behind it: its trace, the picture of its path, and how far
 /// the robot drove, in metres.
 fn left(words: &[&str]) -> (String, String, f64) {
