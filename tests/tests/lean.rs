@@ -62,6 +62,7 @@ fn what_the_lean_firmware_was_built_without_it_refuses_and_drives_on() {
         "store",
         "black-box",
         "telemetry",
+        "behaviours",
     ];
     assert_eq!(
         status["built_without"],

@@ -26,11 +26,10 @@ use core::f32::consts::TAU;
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
+#[cfg(feature = "all-behaviours")]
+use crate::behaviours::{AlongWall, Approach, FollowCorridor, FollowObject, PassDoor, Wander};
 #[cfg(feature = "behaviours")]
-use crate::behaviours::{
-    AlongWall, Approach, Behaviours, FollowCorridor, FollowObject, GoTo, Move, PassDoor, TurnTo,
-    Wander,
-};
+use crate::behaviours::{Behaviours, GoTo, Move, TurnTo};
 use crate::body::{
     ARRAY_BANKS, AUX_OUTPUTS, AnalogChannel, AuxOutput, DirectionPin, EchoCapture, EncoderCount,
     LINE_SENSORS, MotorPwm, Parts, SONARS, TriggerPin,
@@ -303,12 +302,12 @@ registry! {
         move_on: Move[4] if "behaviours",
         turn_to: TurnTo[4] if "behaviours",
         go_to: GoTo[4] if "behaviours",
-        follow_corridor: FollowCorridor[2] if "behaviours",
-        pass_door: PassDoor[2] if "behaviours",
-        along_wall: AlongWall[2] if "behaviours",
-        wander: Wander[2] if "behaviours",
-        approach: Approach[2] if "behaviours",
-        follow_object: FollowObject[2] if "behaviours",
+        follow_corridor: FollowCorridor[2] if "all-behaviours",
+        pass_door: PassDoor[2] if "all-behaviours",
+        along_wall: AlongWall[2] if "all-behaviours",
+        wander: Wander[2] if "all-behaviours",
+        approach: Approach[2] if "all-behaviours",
+        follow_object: FollowObject[2] if "all-behaviours",
     }
 }
 
@@ -375,17 +374,17 @@ where
             turn_to: TaskPool::new(array::from_fn(|_| TurnTo::default())),
             #[cfg(feature = "behaviours")]
             go_to: TaskPool::new(array::from_fn(|_| GoTo::default())),
-            #[cfg(feature = "behaviours")]
+            #[cfg(feature = "all-behaviours")]
             follow_corridor: TaskPool::new(array::from_fn(|_| FollowCorridor::default())),
-            #[cfg(feature = "behaviours")]
+            #[cfg(feature = "all-behaviours")]
             pass_door: TaskPool::new(array::from_fn(|_| PassDoor::default())),
-            #[cfg(feature = "behaviours")]
+            #[cfg(feature = "all-behaviours")]
             along_wall: TaskPool::new(array::from_fn(|_| AlongWall::default())),
-            #[cfg(feature = "behaviours")]
+            #[cfg(feature = "all-behaviours")]
             wander: TaskPool::new(array::from_fn(|_| Wander::default())),
-            #[cfg(feature = "behaviours")]
+            #[cfg(feature = "all-behaviours")]
             approach: TaskPool::new(array::from_fn(|_| Approach::default())),
-            #[cfg(feature = "behaviours")]
+            #[cfg(feature = "all-behaviours")]
             follow_object: TaskPool::new(array::from_fn(|_| FollowObject::default())),
         }
     }

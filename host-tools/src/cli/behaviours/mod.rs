@@ -2,7 +2,7 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`declared`] | what a firmware declares, as a table and as JSON |
+//! | `declared` | what a firmware declares, as a table and as JSON |
 //! | [`list`] | what stands on a robot's list, and what is changed there |
 
 mod declared;
