@@ -204,7 +204,7 @@ mod tests {
                 0.0,
                 true,
             ),
-            ("stood before, and drove on", Some(0.1), 0.1, 0.2, true),
+            ("stood before, and drove on", Some(0.1), 0.1, 0.21, true),
             ("swung through a standstill", Some(0.1), 0.1, 0.1, false),
         ] {
             let movement = Movement {
