@@ -718,8 +718,11 @@ fn words(command: &str) -> Vec<String> {
 #[test]
 fn the_commands_of_the_front_page_work_as_they_stand() {
     let folder = tempfile::tempdir().unwrap();
-    let blob = folder.path().join("patrol.blob");
-    let recording = folder.path().join("patrol.rec");
+    let made = ["patrol.blob", "patrol.rec", "patrol.svg"];
+    let there = |word: String, name: &&str| {
+        let path = folder.path().join(name);
+        word.replace(name, path.to_str().unwrap())
+    };
     let mut ran = 0;
     for command in commands_in("README.md") {
         let Some(arguments) = command.strip_prefix("esm ") else {
@@ -732,8 +735,7 @@ fn the_commands_of_the_front_page_work_as_they_stand() {
         };
         let arguments: Vec<String> = words(arguments)
             .into_iter()
-            .map(|word| word.replace("patrol.blob", blob.to_str().unwrap()))
-            .map(|word| word.replace("patrol.rec", recording.to_str().unwrap()))
+            .map(|word| made.iter().fold(word, there))
             .collect();
         let done = esm(&arguments);
         assert_eq!(done.status, Some(0), "{command}: {done:#?}");
