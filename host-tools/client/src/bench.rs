@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::io;
 use std::num::NonZeroUsize;
-use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc;
 use std::thread;
@@ -112,14 +111,16 @@ pub fn processors() -> usize {
 }
 
 /// Does all the work on so many threads, and hands what comes of it on in the order of the work,
-/// each as soon as it and all before it are there. Where `take` breaks off, no more is begun, and
-/// what is begun already ends unheard.
-pub fn in_order<W: Sync, R: Send>(
+/// each as soon as it and all before it are there.
+///
+/// # Errors
+/// The first one of `take`. From then on no more is begun, and what is begun already ends unheard.
+pub fn in_order<W: Sync, R: Send, E>(
     jobs: usize,
     work: &[W],
     run: impl Fn(&W) -> R + Sync,
-    mut take: impl FnMut(R) -> ControlFlow<()>,
-) {
+    mut take: impl FnMut(R) -> Result<(), E>,
+) -> Result<(), E> {
     let next = AtomicUsize::new(0);
     let is_over = AtomicBool::new(false);
     thread::scope(|scope| {
@@ -146,13 +147,11 @@ pub fn in_order<W: Sync, R: Send>(
             early.insert(index, result);
             while let Some(result) = early.remove(&wanted) {
                 wanted += 1;
-                if take(result).is_break() {
-                    is_over.store(true, Relaxed);
-                    return;
-                }
+                take(result).inspect_err(|_| is_over.store(true, Relaxed))?;
             }
         }
-    });
+        Ok(())
+    })
 }
 
 #[cfg(test)]
@@ -172,14 +171,16 @@ mod tests {
         let work: Vec<u64> = (0..20).collect();
         for jobs in [0, 1, 3, 50] {
             let mut taken = Vec::new();
-            in_order(jobs, &work, doubled, |result| {
+            let ended = in_order(jobs, &work, doubled, |result| {
                 taken.push(result);
-                ControlFlow::Continue(())
+                Ok::<(), ()>(())
             });
+            assert_eq!(ended, Ok(()));
             let expected: Vec<u64> = (0..20).map(|number| 2 * number).collect();
             assert_eq!(taken, expected, "{jobs} jobs");
         }
-        in_order(2, &[], doubled, |_| panic!("there is no work"));
+        let ended: Result<(), ()> = in_order(2, &[], doubled, |_| panic!("there is no work"));
+        assert_eq!(ended, Ok(()));
     }
 
     #[test]
@@ -191,10 +192,11 @@ mod tests {
             begun.fetch_add(1, Relaxed);
             doubled(number)
         };
-        in_order(2, &work, run, |_| {
+        let ended = in_order(2, &work, run, |_| {
             taken += 1;
-            ControlFlow::Break(())
+            Err("enough")
         });
+        assert_eq!(ended, Err("enough"));
         assert_eq!(taken, 1);
         assert!(begun.load(Relaxed) < work.len());
     }

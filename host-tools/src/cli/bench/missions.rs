@@ -2,7 +2,6 @@
 
 use std::io::Write;
 use std::num::NonZeroUsize;
-use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use anyhow::anyhow;
@@ -110,8 +109,7 @@ pub fn execute(
         courses.iter().map(|course| (course, Vec::new())).collect();
     let bar = console.progress("driving", work.len() as u64);
     let mut done = 0;
-    let mut failed = None;
-    in_order(
+    let driven = in_order(
         args.jobs.map_or_else(processors, NonZeroUsize::get),
         &work,
         |(course, seed)| {
@@ -119,35 +117,23 @@ pub fn execute(
             (*course, *seed, driven)
         },
         |(course, seed, driven)| {
-            let taken = match driven {
-                // What was cut short says nothing.
-                Ok(outcome) if outcome.summary.interrupted => Err(interrupted(done, work.len())),
-                Ok(outcome) => Ok(outcome),
-                Err(error) => Err(of_run(error, &courses[course], seed)),
-            };
-            let told = taken.and_then(|outcome| {
-                done += 1;
-                bar.set_position(done as u64);
-                if args.json {
-                    console.json_line(&Row::new(&courses[course], &outcome))?;
-                    console.flush()?;
-                }
-                benched[course].1.push(outcome);
-                Ok(())
-            });
-            match told {
-                Ok(()) => ControlFlow::Continue(()),
-                Err(error) => {
-                    failed = Some(error);
-                    ControlFlow::Break(())
-                }
+            let outcome = driven.map_err(|error| of_run(error, &courses[course], seed))?;
+            // What was cut short says nothing.
+            if outcome.summary.interrupted {
+                return Err(interrupted(done, work.len()));
             }
+            done += 1;
+            bar.set_position(done as u64);
+            if args.json {
+                console.json_line(&Row::new(&courses[course], &outcome))?;
+                console.flush()?;
+            }
+            benched[course].1.push(outcome);
+            Ok(())
         },
     );
     bar.finish_and_clear();
-    if let Some(error) = failed {
-        return Err(error);
-    }
+    driven?;
     let total = Total::of(benched.iter().flat_map(|(_, runs)| runs));
     if args.json {
         console.json_line(&total)?;

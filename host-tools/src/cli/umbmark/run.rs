@@ -1,6 +1,5 @@
 //! `esm umbmark run`: the square test on the simulated robot.
 
-use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use anyhow::anyhow;
@@ -98,33 +97,25 @@ pub fn evaluated(
     let bar = console.progress("driving", work.len() as u64);
     let mut table = "direction,x_mm,y_mm\n".to_owned();
     let mut done = 0;
-    let mut failed = None;
-    in_order(
+    let driven = in_order(
         processors(),
         &work,
         |(way, seed)| (*way, course.drive(*way, *seed, robot, interrupt)),
-        |(way, driven)| match driven {
-            Ok(end) => {
-                done += 1;
-                bar.set_position(done);
-                let name = match way {
-                    Direction::Clockwise => "cw",
-                    Direction::CounterClockwise => "ccw",
-                };
-                // A tape has no micrometres.
-                table += &format!("{name},{:.1},{:.1}\n", end.x_mm, end.y_mm);
-                ControlFlow::Continue(())
-            }
-            Err(error) => {
-                failed = Some(error);
-                ControlFlow::Break(())
-            }
+        |(way, driven)| {
+            let end = driven?;
+            done += 1;
+            bar.set_position(done);
+            let name = match way {
+                Direction::Clockwise => "cw",
+                Direction::CounterClockwise => "ccw",
+            };
+            // A tape has no micrometres.
+            table += &format!("{name},{:.1},{:.1}\n", end.x_mm, end.y_mm);
+            Ok::<(), CommandError>(())
         },
     );
     bar.finish_and_clear();
-    if let Some(error) = failed {
-        return Err(error);
-    }
+    driven?;
     // What is written is what is evaluated.
     let mut squares = Squares::default();
     for line in table.lines() {
