@@ -206,6 +206,26 @@ fn draw_clean(shown: &mut impl Shown, frame: &mut Frame<'_>) {
     }
 }
 
+/// What a person means by a key.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Meaning<K> {
+    /// To quit: q and Esc.
+    Quit,
+    /// A key of the screen's own.
+    Key(K),
+}
+
+/// What a person means by a key on a screen with keys of its own, none of them with Ctrl.
+pub fn meaning<K>(key: KeyEvent, own: impl FnOnce(KeyCode) -> Option<K>) -> Option<Meaning<K>> {
+    if key.modifiers.contains(KeyModifiers::CONTROL) {
+        return None;
+    }
+    match key.code {
+        KeyCode::Char('q' | 'Q') | KeyCode::Esc => Some(Meaning::Quit),
+        code => own(code).map(Meaning::Key),
+    }
+}
+
 /// Whether a key is Ctrl-C, which comes as a key while the command has the screen.
 fn is_interrupt(key: &KeyEvent) -> bool {
     key.modifiers.contains(KeyModifiers::CONTROL) && matches!(key.code, KeyCode::Char('c' | 'C'))

@@ -17,13 +17,13 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use ratatui::Frame;
-use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+use ratatui::crossterm::event::{KeyCode, KeyEvent};
 
 use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
 use super::robot::RobotArgs;
-use super::terminal::{self, KEY_WAIT, Palette, Shown};
+use super::terminal::{self, KEY_WAIT, Meaning, Palette, Shown};
 use crate::reading::{Reader, Tasks};
 use crate::run::interrupt::Interrupt;
 use report::TopReport;
@@ -137,19 +137,12 @@ impl Shown for Following {
     }
 }
 
-/// What a person means by a key.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Meaning {
-    Quit,
-    Key(Key),
+fn meaning(key: KeyEvent) -> Option<Meaning<Key>> {
+    terminal::meaning(key, own_key)
 }
 
-fn meaning(key: KeyEvent) -> Option<Meaning> {
-    if key.modifiers.contains(KeyModifiers::CONTROL) {
-        return None;
-    }
-    let key = match key.code {
-        KeyCode::Char('q' | 'Q') | KeyCode::Esc => return Some(Meaning::Quit),
+fn own_key(code: KeyCode) -> Option<Key> {
+    Some(match code {
         KeyCode::Char('r' | 'R') => Key::Reset,
         KeyCode::Char('p' | 'P') => Key::Pause,
         KeyCode::Up | KeyCode::Left => Key::Up,
@@ -157,12 +150,13 @@ fn meaning(key: KeyEvent) -> Option<Meaning> {
         KeyCode::Home => Key::First,
         KeyCode::End => Key::Last,
         _ => return None,
-    };
-    Some(Meaning::Key(key))
+    })
 }
 
 #[cfg(test)]
 mod tests {
+    use ratatui::crossterm::event::KeyModifiers;
+
     use super::*;
 
     #[test]
