@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use host_tools::files::load_world;
 use host_tools::host_board;
 use host_tools::run::board::{Board, LinkWay};
 use host_tools::run::drive::{self, Plan, Planned, Run};
@@ -9,7 +10,18 @@ use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
 use host_tools::world::World;
 
+use crate::command::root;
 use crate::subject;
+
+/// A world that ships.
+///
+/// # Panics
+/// If there is none of this name.
+#[track_caller]
+pub fn world(name: &str) -> World {
+    let file = root().join(format!("missions/worlds/{name}.world"));
+    load_world(&file).expect("a world that ships")
+}
 
 /// A run of the mission in a file, which repeats to the byte, without an end.
 ///

@@ -9,29 +9,26 @@ use esm_link::behaviours::{
 };
 use esm_link::message::{LinkError, Swap};
 use esm_tests::command::{esm, firmware_with_behaviours, root};
+use esm_tests::host_drive::{self, world};
 use esm_tests::random::Random;
-use esm_tests::{host_drive, subject};
+use esm_tests::subject;
 use host_tools::host_board;
 use host_tools::link_client::behaviours::{End, Pilot};
 use host_tools::link_client::{ClientError, LinkClient};
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
+use host_tools::model::Task;
 use host_tools::plant::{BodyParameters, Plant};
 use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::run::by_hand::{ByHand, Driven};
 use host_tools::run::drive::Plan;
 use host_tools::script::{Script, read};
 use host_tools::serial::ByteLink;
-use host_tools::world::World;
 use rt_firmware::behaviours::{GoTo, MAX_BEHAVIOURS, Move};
 use rt_firmware::declaration_of;
+use rt_firmware::tasks::Twist;
 
 type Client = LinkClient<Box<dyn ByteLink>>;
-
-fn world(name: &str) -> World {
-    let file = root().join(format!("missions/worlds/{name}.world"));
-    World::parse(&std::fs::read_to_string(file).unwrap()).unwrap()
-}
 
 /// A robot on the host board that runs a mission, whose time passes while somebody waits for it.
 fn with_robot(mission: &str, test: impl FnOnce(&mut Client)) {
@@ -60,6 +57,13 @@ fn wait(robot: &mut Client, ms: u64) {
 
 fn refused<T: std::fmt::Debug>(result: Result<T, ClientError>) -> LinkError {
     result.unwrap_err().refusal().unwrap()
+}
+
+const fn twist(forward_m_per_s: f32, turn_rad_per_s: f32) -> Twist {
+    Twist {
+        forward_m_per_s,
+        turn_rad_per_s,
+    }
 }
 
 /// Bits of parameters as they are sent.
@@ -155,13 +159,19 @@ fn a_behaviour_that_is_none_is_refused_with_a_reason_and_nothing_moves() {
     });
 }
 
+/// The tasks that ship.
+fn tasks() -> Vec<Task> {
+    let text = std::fs::read_to_string(root().join("missions/rover.esm")).unwrap();
+    host_tools::lang::load_text("rover.esm", &text)
+        .model
+        .unwrap()
+        .tasks
+}
+
 /// Hash of the signature of a task that ships.
 fn rt_firmware_task(name: &str) -> u64 {
-    let text = std::fs::read_to_string(root().join("missions/rover.esm")).unwrap();
-    let model = host_tools::lang::load_text("rover.esm", &text)
-        .model
-        .unwrap();
-    let task = model.tasks.iter().find(|task| task.name == name).unwrap();
+    let tasks = tasks();
+    let task = tasks.iter().find(|task| task.name == name).unwrap();
     host_tools::script::signature_hash(task)
 }
 
@@ -171,8 +181,7 @@ fn movements_by_hand_that_are_none_too_fast_or_stale_do_nothing() {
         let mut drive = |forward_m_per_s, turn_rad_per_s, ahead_us: i64| {
             let now_us = robot.robot_us().unwrap();
             robot.drive_until(
-                forward_m_per_s,
-                turn_rad_per_s,
+                twist(forward_m_per_s, turn_rad_per_s),
                 now_us.saturating_add_signed(ahead_us),
             )
         };
@@ -214,7 +223,7 @@ fn a_list_at_capacity_refuses_as_long_as_it_is_full() {
                 let full = refused(robot.insert_behaviour(end, move_on(&still)));
                 assert_eq!(full, LinkError::ListFull);
             }
-            let steered = Pilot::default().drive(robot, 0.1, 0.0);
+            let steered = Pilot::default().drive(robot, twist(0.1, 0.0));
             assert_eq!(refused(steered), LinkError::ListFull);
         }
         let cancel = BehaviourRequest::Cancel { key: keys[3] };
@@ -234,14 +243,14 @@ fn a_list_at_capacity_refuses_as_long_as_it_is_full() {
 fn a_mission_without_a_list_says_so_and_so_does_a_robot_that_is_stopped() {
     with_robot("missions/square.esm", |robot| {
         assert_eq!(refused(robot.behaviour_list()), LinkError::NoBehaviours);
-        let steered = Pilot::default().drive(robot, 0.1, 0.0);
+        let steered = Pilot::default().drive(robot, twist(0.1, 0.0));
         assert_eq!(refused(steered), LinkError::NoBehaviours);
     });
     with_robot("missions/by_hand.esm", |robot| {
         robot.behaviour_list().unwrap();
         robot.stop().unwrap();
         wait(robot, 300);
-        let steered = Pilot::default().drive(robot, 0.1, 0.0);
+        let steered = Pilot::default().drive(robot, twist(0.1, 0.0));
         assert_eq!(refused(steered), LinkError::NoBehaviours);
         robot.start().unwrap();
         wait(robot, 200);
@@ -250,11 +259,7 @@ fn a_mission_without_a_list_says_so_and_so_does_a_robot_that_is_stopped() {
 }
 
 fn script(text: &str) -> Script {
-    let text_of_tasks = std::fs::read_to_string(root().join("missions/rover.esm")).unwrap();
-    let model = host_tools::lang::load_text("rover.esm", &text_of_tasks)
-        .model
-        .unwrap();
-    read("a.script", text, &model.tasks).script.unwrap()
+    read("a.script", text, &tasks()).script.unwrap()
 }
 
 #[test]
@@ -356,8 +361,10 @@ fn requests_at_random_and_at_full_rate_miss_no_slot() {
                 12 => BehaviourRequest::ResumeScript,
                 _ => {
                     let drive = robot.drive_until(
-                        edges[random.below(edges.len())],
-                        edges[random.below(edges.len())],
+                        twist(
+                            edges[random.below(edges.len())],
+                            edges[random.below(edges.len())],
+                        ),
                         now_us + random.below(400_000) as u64,
                     );
                     if let Err(error) = drive {
@@ -411,8 +418,7 @@ fn a_lost_line_stops_the_robot_within_the_time_that_a_movement_holds() {
             driven: vec![Driven {
                 from_us: 1_000_000,
                 to_us: 10_000_000,
-                forward_m_per_s: 0.3,
-                turn_rad_per_s: 0.0,
+                twist: twist(0.3, 0.0),
             }],
         },
         cut_link_us,
@@ -442,8 +448,7 @@ fn the_behaviour_before_goes_on_when_the_hand_is_off() {
             driven: vec![Driven {
                 from_us: 1_000_000,
                 to_us: 2_000_000,
-                forward_m_per_s: -0.1,
-                turn_rad_per_s: 0.0,
+                twist: twist(-0.1, 0.0),
             }],
         },
         ..host_drive::plan(&root().join("missions/guard.esm"), world("empty"))

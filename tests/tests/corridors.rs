@@ -266,11 +266,8 @@ fn a_wall_is_kept_around_a_room_and_around_its_end() {
 
 #[test]
 fn who_wanders_touches_nothing_and_comes_around() {
-    let office =
-        std::fs::read_to_string(esm_tests::command::root().join("missions/worlds/office.world"))
-            .unwrap();
     for seed in 1..=4 {
-        let world = World::parse(&office).unwrap();
+        let world = esm_tests::host_drive::world("office");
         let run = behave("Wander with { time_s = 60.0 }", world, seed, 90);
         assert_eq!(run.plant.collisions(), 0);
         assert!(run.ended_us.is_some_and(|ended_us| ended_us >= 60_000_000) && !run.failed);

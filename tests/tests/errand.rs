@@ -12,9 +12,8 @@ const MOST_M: f64 = 0.25;
 
 #[test]
 fn the_errand_ends_where_it_began_and_touches_nobody() {
-    let floor = std::fs::read_to_string(root().join("missions/worlds/office_floor.world")).unwrap();
     for seed in 1..=6 {
-        let world = World::parse(&floor).unwrap();
+        let world = host_drive::world("office_floor");
         let start = world.start.position;
         let run = host_drive::driven(Plan {
             seed,

@@ -9,7 +9,7 @@ use thiserror::Error;
 
 use super::argument::{Time, TimeError};
 use super::console::Console;
-use super::drive::steering::Twist;
+use super::drive::steering;
 use super::exit::CommandError;
 use super::script;
 use crate::lang;
@@ -71,12 +71,11 @@ impl FromStr for Steered {
         if to.us <= from.us {
             return Err(SteeredError::Backwards);
         }
-        let twist: Twist = twist.parse().map_err(SteeredError::Twist)?;
+        let twist = steering::twist(twist).map_err(SteeredError::Twist)?;
         Ok(Self(Driven {
             from_us: from.us,
             to_us: to.us,
-            forward_m_per_s: twist.ahead_m_per_s,
-            turn_rad_per_s: twist.left_rad_per_s,
+            twist,
         }))
     }
 }
@@ -114,6 +113,8 @@ pub fn planned(
 
 #[cfg(test)]
 mod tests {
+    use rt_firmware::tasks::Twist;
+
     use super::*;
 
     #[test]
@@ -122,8 +123,10 @@ mod tests {
             Ok(Steered(Driven {
                 from_us,
                 to_us,
-                forward_m_per_s,
-                turn_rad_per_s,
+                twist: Twist {
+                    forward_m_per_s,
+                    turn_rad_per_s,
+                },
             }))
         };
         assert_eq!(

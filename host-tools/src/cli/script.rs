@@ -5,10 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, anyhow};
 use clap::{Args, Subcommand};
 use esm_link::behaviours::BehaviourRequest;
-use esm_link::features::Feature;
 use serde::Serialize;
 
-use super::behaviours::list::{connect, script_line, script_report};
+use super::behaviours::list::{connect, connect_and_read, script_line, script_report};
 use super::console::Console;
 use super::exit::CommandError;
 use super::mission;
@@ -141,8 +140,7 @@ pub fn execute(
         Action::Check(args) => check(args, robot, console),
         Action::Run(args) => run(args, console),
         Action::Show(args) => {
-            let (mut robot, _) = args.robot.connect(console)?;
-            robot.require(Feature::Behaviours)?;
+            let (mut robot, _) = connect(&args.robot, console)?;
             tell_state(&mut robot, args.json, console)
         }
         Action::Suspend(args) => change(args, BehaviourRequest::SuspendScript, console),
@@ -214,7 +212,7 @@ pub fn checked(
 
 fn run(args: &RunArgs, console: &mut Console) -> Result<(), CommandError> {
     let text = text_of(&args.file)?;
-    let (mut robot, tasks) = connect(&args.robot, console)?;
+    let (mut robot, tasks) = connect_and_read(&args.robot, console)?;
     let script = checked(&args.file, &text, &tasks, args.json, console)?;
     robot.run_script(&script)?;
     tell_state(&mut robot, args.json, console)
@@ -225,8 +223,7 @@ fn change(
     request: BehaviourRequest<'_>,
     console: &mut Console,
 ) -> Result<(), CommandError> {
-    let (mut robot, _) = args.robot.connect(console)?;
-    robot.require(Feature::Behaviours)?;
+    let (mut robot, _) = connect(&args.robot, console)?;
     robot.change_behaviours(request)?;
     tell_state(&mut robot, args.json, console)
 }

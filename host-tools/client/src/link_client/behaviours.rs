@@ -6,6 +6,7 @@ use esm_link::behaviours::{
     BehaviourRequest, Call, ENTRY_BYTES, ListEntry, MAX_DRIVE_US, ScriptStatus,
 };
 use esm_link::message::{Request, Response};
+use rt_firmware::tasks::Twist;
 
 use super::{ClientError, LinkClient};
 use crate::serial::ByteLink;
@@ -85,21 +86,16 @@ impl<L: ByteLink> LinkClient<L> {
     ///
     /// # Errors
     /// [`ClientError`]
-    pub fn drive_until(
-        &mut self,
-        forward_m_per_s: f32,
-        turn_rad_per_s: f32,
-        until_us: u64,
-    ) -> Result<(), ClientError> {
+    pub fn drive_until(&mut self, twist: Twist, until_us: u64) -> Result<(), ClientError> {
         let request = Request::Drive {
-            forward_m_per_s,
-            turn_rad_per_s,
+            forward_m_per_s: twist.forward_m_per_s,
+            turn_rad_per_s: twist.turn_rad_per_s,
             until_us,
         };
         self.ask_to_do("drive", request)
     }
 
-    /// Ends driving by hand.
+    /// Ends driving by hand: what was interrupted goes on.
     ///
     /// # Errors
     /// [`ClientError`]
@@ -140,8 +136,7 @@ pub struct Pilot {
 }
 
 impl Pilot {
-    /// Moves like this from now on, for [`MAX_DRIVE_US`] at most: ahead in metres per second, to
-    /// the left in radians per second.
+    /// Moves like this from now on, for [`MAX_DRIVE_US`] at most.
     ///
     /// # Errors
     /// [`ClientError`]; refused with [`Late`](esm_link::message::LinkError::Late) where it came too
@@ -149,8 +144,7 @@ impl Pilot {
     pub fn drive<L: ByteLink>(
         &mut self,
         robot: &mut LinkClient<L>,
-        forward_m_per_s: f32,
-        turn_rad_per_s: f32,
+        twist: Twist,
     ) -> Result<(), ClientError> {
         let (robot_us, at) = self.read(robot)?;
         // What the clock said was true when the answer began, which was earlier: so the movement
@@ -160,19 +154,11 @@ impl Pilot {
         let until_us = robot_us
             .saturating_add(since_us)
             .saturating_add(MAX_DRIVE_US);
-        let driven = robot.drive_until(forward_m_per_s, turn_rad_per_s, until_us);
+        let driven = robot.drive_until(twist, until_us);
         if driven.is_err() {
             self.read = None;
         }
         driven
-    }
-
-    /// Drives no more: what was interrupted goes on.
-    ///
-    /// # Errors
-    /// [`ClientError`]
-    pub fn end<L: ByteLink>(&mut self, robot: &mut LinkClient<L>) -> Result<(), ClientError> {
-        robot.end_drive()
     }
 
     fn read<L: ByteLink>(

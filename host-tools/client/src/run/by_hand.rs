@@ -1,5 +1,7 @@
 //! What a run tells the list of behaviours while it goes: a script, movements by hand.
 
+use rt_firmware::tasks::Twist;
+
 use crate::link_client::behaviours::Pilot;
 use crate::link_client::{ClientError, LinkClient};
 use crate::serial::ByteLink;
@@ -15,10 +17,8 @@ pub struct Driven {
     pub from_us: u64,
     /// Robot time at which it ends.
     pub to_us: u64,
-    /// Ahead, in metres per second.
-    pub forward_m_per_s: f32,
-    /// To the left, in radians per second.
-    pub turn_rad_per_s: f32,
+    /// How it moves.
+    pub twist: Twist,
 }
 
 /// What the list of behaviours is told.
@@ -67,7 +67,7 @@ impl Telling {
         if driven.to_us <= robot_us {
             self.rest.driven.remove(0);
             if self.sent_us.take().is_some() {
-                self.pilot.end(robot)?;
+                robot.end_drive()?;
             }
             return Ok(());
         }
@@ -77,8 +77,7 @@ impl Telling {
         };
         if next_us <= robot_us {
             self.sent_us = Some(robot_us);
-            self.pilot
-                .drive(robot, driven.forward_m_per_s, driven.turn_rad_per_s)?;
+            self.pilot.drive(robot, driven.twist)?;
         }
         Ok(())
     }

@@ -129,27 +129,30 @@ pub fn script_report(status: ScriptStatus) -> Option<ScriptReport> {
     })
 }
 
-/// Begins a session with a robot that has behaviours, and reads which.
+/// Begins a session with a robot that has behaviours.
 ///
 /// # Errors
-/// There is no such robot, or it does not say.
+/// There is no such robot, or it has none.
 pub fn connect(
     args: &RobotArgs,
     console: &mut Console,
-) -> Result<(Robot, Vec<Task>), CommandError> {
+) -> Result<(Robot, RobotInfo), CommandError> {
     let (mut robot, info) = args.connect(console)?;
     robot.require(Feature::Behaviours)?;
-    let tasks = tasks_of(&mut robot, &info, console)?;
-    Ok((robot, tasks))
+    Ok((robot, info))
 }
 
-fn tasks_of(
-    robot: &mut Robot,
-    info: &RobotInfo,
+/// As [`connect`], and reads what the robot's tasks are.
+///
+/// # Errors
+/// There is no such robot, it has no behaviours, or it does not say which.
+pub fn connect_and_read(
+    args: &RobotArgs,
     console: &mut Console,
-) -> Result<Vec<Task>, CommandError> {
-    let (text, _) = tasks::ask(robot, info)?;
-    tasks::declared_in(&text, console)
+) -> Result<(Robot, Vec<Task>), CommandError> {
+    let (mut robot, info) = connect(args, console)?;
+    let (text, _) = tasks::ask(&mut robot, &info)?;
+    Ok((robot, tasks::declared_in(&text, console)?))
 }
 
 /// Runs `show`.
@@ -157,7 +160,7 @@ fn tasks_of(
 /// # Errors
 /// What kept it from ending well.
 pub(super) fn show(args: &ShowArgs, console: &mut Console) -> Result<(), CommandError> {
-    let (mut robot, tasks) = connect(&args.robot, console)?;
+    let (mut robot, tasks) = connect_and_read(&args.robot, console)?;
     let listed = robot.behaviour_list()?;
     let report = Report {
         script: script_report(listed.script),
@@ -240,7 +243,7 @@ fn entry_report(entry: &ListEntry, tasks: &[Task]) -> EntryReport {
 /// # Errors
 /// What kept it from ending well.
 pub(super) fn insert(args: &InsertArgs, console: &mut Console) -> Result<(), CommandError> {
-    let (mut robot, tasks) = connect(&args.robot, console)?;
+    let (mut robot, tasks) = connect_and_read(&args.robot, console)?;
     let reading = read_line("the command line", &args.behaviour, &tasks);
     let Some(step) = reading
         .script
@@ -266,8 +269,7 @@ fn change(
     done: &str,
     console: &mut Console,
 ) -> Result<(), CommandError> {
-    let (mut robot, _) = args.robot.connect(console)?;
-    robot.require(Feature::Behaviours)?;
+    let (mut robot, _) = connect(&args.robot, console)?;
     robot.change_behaviours(request)?;
     console.text(&format!("{}: {done}\n", args.behaviour))
 }

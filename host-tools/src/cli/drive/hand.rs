@@ -8,8 +8,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use esm_link::message::LinkError;
+use rt_firmware::tasks::Twist;
 
-use super::steering::Twist;
 use crate::cli::exit::CommandError;
 use crate::cli::robot::Robot;
 use crate::link_client::ClientError;
@@ -156,7 +156,7 @@ fn send(robot: &mut Robot, shared: &Shared) -> Result<(), ClientError> {
         match wanted {
             Some(twist) => {
                 is_driving = true;
-                let driven = pilot.drive(robot, twist.ahead_m_per_s, twist.left_rad_per_s);
+                let driven = pilot.drive(robot, twist);
                 let was_late = match &driven {
                     Err(error) if error.refusal() == Some(LinkError::Late) => true,
                     Err(_) => return driven,
@@ -169,7 +169,7 @@ fn send(robot: &mut Robot, shared: &Shared) -> Result<(), ClientError> {
             }
             None if is_driving => {
                 is_driving = false;
-                pilot.end(robot)?;
+                robot.end_drive()?;
             }
             None => {}
         }

@@ -19,18 +19,19 @@ use clap::Args;
 use esm_link::behaviours::{MAX_DRIVE_M_PER_S, MAX_DRIVE_RAD_PER_S};
 use esm_link::features::Feature;
 use ratatui::Frame;
-use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
+use ratatui::crossterm::event::{KeyCode, KeyEvent};
 use ratatui::text::Line;
 use ratatui::widgets::Paragraph;
+use rt_firmware::tasks::Twist;
 
 use super::argument::Time;
 use super::console::Console;
 use super::exit::CommandError;
 use super::robot::RobotArgs;
-use super::terminal::{self, KEY_WAIT, Palette, Shown};
+use super::terminal::{self, KEY_WAIT, Meaning, Palette, Shown};
 use crate::run::interrupt::Interrupt;
 use hand::{Hand, Told};
-use steering::{Key, Steering, Twist};
+use steering::{Key, Steering};
 
 /// How long a movement that a program asks for in a line holds without the next.
 const LINE_HOLDS: Duration = Duration::from_millis(300);
@@ -70,7 +71,8 @@ pub struct DriveArgs {
         long,
         value_name = "AHEAD,LEFT",
         requires = "time",
-        allow_hyphen_values = true
+        allow_hyphen_values = true,
+        value_parser = steering::twist
     )]
     pub twist: Option<Twist>,
 
@@ -174,7 +176,7 @@ fn from_lines(hand: &Hand, interrupt: Interrupt) -> Result<(), CommandError> {
         match read.recv_timeout(LOOK) {
             Ok(Ok(line)) => {
                 number += 1;
-                match line.trim().parse() {
+                match steering::twist(line.trim()) {
                     Ok(twist) => hand.ask(Some(twist)),
                     Err(expected) => {
                         break Err(CommandError::Input(anyhow!(
@@ -229,7 +231,7 @@ impl Shown for Driving<'_> {
             None => "nobody steers: the robot does what its mission says".to_owned(),
             Some(twist) => format!(
                 "ahead {:+.2} m/s, to the left {:+.2} rad/s",
-                twist.ahead_m_per_s, twist.left_rad_per_s
+                twist.forward_m_per_s, twist.turn_rad_per_s
             ),
         };
         let style = if self.told.is_good() {
@@ -264,19 +266,12 @@ impl Shown for Driving<'_> {
     }
 }
 
-/// What a person means by a key.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Meaning {
-    Quit,
-    Key(Key),
+fn meaning(key: KeyEvent) -> Option<Meaning<Key>> {
+    terminal::meaning(key, own_key)
 }
 
-fn meaning(key: KeyEvent) -> Option<Meaning> {
-    if key.modifiers.contains(KeyModifiers::CONTROL) {
-        return None;
-    }
-    let key = match key.code {
-        KeyCode::Char('q' | 'Q') | KeyCode::Esc => return Some(Meaning::Quit),
+fn own_key(code: KeyCode) -> Option<Key> {
+    Some(match code {
         KeyCode::Up | KeyCode::Char('w' | 'W') => Key::Ahead,
         KeyCode::Down | KeyCode::Char('s' | 'S') => Key::Back,
         KeyCode::Left | KeyCode::Char('a' | 'A') => Key::Left,
@@ -285,12 +280,13 @@ fn meaning(key: KeyEvent) -> Option<Meaning> {
         KeyCode::Char('+') => Key::Faster,
         KeyCode::Char('-') => Key::Slower,
         _ => return None,
-    };
-    Some(Meaning::Key(key))
+    })
 }
 
 #[cfg(test)]
 mod tests {
+    use ratatui::crossterm::event::KeyModifiers;
+
     use super::*;
 
     #[test]

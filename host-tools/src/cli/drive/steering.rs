@@ -1,9 +1,9 @@
 //! What keys mean, and for how long.
 
-use std::str::FromStr;
 use std::time::Duration;
 
 use esm_link::behaviours::{MAX_DRIVE_M_PER_S, MAX_DRIVE_RAD_PER_S};
+use rt_firmware::tasks::Twist;
 
 /// How long a movement holds after the last key: a terminal says that a key is pressed, and says so
 /// again while it is, and never that it was let go. It says so for the second time after half a
@@ -34,38 +34,29 @@ pub enum Key {
     Slower,
 }
 
-/// A movement.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Twist {
-    /// In metres per second.
-    pub ahead_m_per_s: f32,
-    /// In radians per second.
-    pub left_rad_per_s: f32,
-}
-
-impl FromStr for Twist {
-    type Err = String;
-
-    /// Two numbers, with a comma or a space between.
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parts = text.split_once(',').or_else(|| text.split_once(' '));
-        let number = |text: &str| text.trim().parse::<f32>().ok();
-        let read = parts.and_then(|(ahead, left)| Some((number(ahead)?, number(left)?)));
-        let is_within = |value: f32, most: f32| (-most..=most).contains(&value);
-        match read {
-            Some((ahead_m_per_s, left_rad_per_s))
-                if is_within(ahead_m_per_s, MAX_DRIVE_M_PER_S)
-                    && is_within(left_rad_per_s, MAX_DRIVE_RAD_PER_S) =>
-            {
-                Ok(Self {
-                    ahead_m_per_s,
-                    left_rad_per_s,
-                })
-            }
-            _ => Err(format!(
-                "two numbers: metres per second ahead, {MAX_DRIVE_M_PER_S} at most, and radians per second to the left, {MAX_DRIVE_RAD_PER_S} at most, such as 0.2,0.5"
-            )),
+/// Reads a movement: two numbers, with a comma or a space between, metres per second ahead and
+/// radians per second to the left.
+///
+/// # Errors
+/// What is expected.
+pub fn twist(text: &str) -> Result<Twist, String> {
+    let parts = text.split_once(',').or_else(|| text.split_once(' '));
+    let number = |text: &str| text.trim().parse::<f32>().ok();
+    let read = parts.and_then(|(ahead, left)| Some((number(ahead)?, number(left)?)));
+    let is_within = |value: f32, most: f32| (-most..=most).contains(&value);
+    match read {
+        Some((forward_m_per_s, turn_rad_per_s))
+            if is_within(forward_m_per_s, MAX_DRIVE_M_PER_S)
+                && is_within(turn_rad_per_s, MAX_DRIVE_RAD_PER_S) =>
+        {
+            Ok(Twist {
+                forward_m_per_s,
+                turn_rad_per_s,
+            })
         }
+        _ => Err(format!(
+            "two numbers: metres per second ahead, {MAX_DRIVE_M_PER_S} at most, and radians per second to the left, {MAX_DRIVE_RAD_PER_S} at most, such as 0.2,0.5"
+        )),
     }
 }
 
@@ -135,8 +126,8 @@ impl Steering {
     /// otherwise goes on.
     pub fn wanted(&self, now: Duration) -> Option<Twist> {
         self.is_pressed(now).then_some(Twist {
-            ahead_m_per_s: self.ahead * self.part * self.speed_m_per_s,
-            left_rad_per_s: self.left * self.part * self.rate_rad_per_s,
+            forward_m_per_s: self.ahead * self.part * self.speed_m_per_s,
+            turn_rad_per_s: self.left * self.part * self.rate_rad_per_s,
         })
     }
 }
@@ -169,7 +160,7 @@ mod tests {
             time_ms += wait_ms;
             steering.press(key, at(time_ms));
             let wanted = steering.wanted(at(time_ms + 599)).unwrap();
-            let wanted = (wanted.ahead_m_per_s, wanted.left_rad_per_s);
+            let wanted = (wanted.forward_m_per_s, wanted.turn_rad_per_s);
             assert_eq!(wanted, expected, "{key:?} at {time_ms} ms");
             assert_eq!(steering.wanted(at(time_ms + 600)), None);
         }
@@ -181,35 +172,34 @@ mod tests {
         steering.press(Key::Faster, at(0));
         assert_eq!(steering.wanted(at(0)), None, "no movement by itself");
         steering.press(Key::Ahead, at(0));
-        assert_eq!(steering.wanted(at(0)).unwrap().ahead_m_per_s, 0.25);
+        assert_eq!(steering.wanted(at(0)).unwrap().forward_m_per_s, 0.25);
         for _ in 0..100 {
             steering.press(Key::Faster, at(0));
         }
         steering.press(Key::Left, at(0));
         let wanted = steering.wanted(at(0)).unwrap();
-        assert!(wanted.ahead_m_per_s <= MAX_DRIVE_M_PER_S);
-        assert!(wanted.left_rad_per_s <= MAX_DRIVE_RAD_PER_S && wanted.left_rad_per_s > 6.0);
+        assert!(wanted.forward_m_per_s <= MAX_DRIVE_M_PER_S);
+        assert!(wanted.turn_rad_per_s <= MAX_DRIVE_RAD_PER_S && wanted.turn_rad_per_s > 6.0);
         for _ in 0..100 {
             steering.press(Key::Slower, at(0));
         }
-        let slowest = steering.wanted(at(0)).unwrap().ahead_m_per_s;
+        let slowest = steering.wanted(at(0)).unwrap().forward_m_per_s;
         assert!((slowest - 0.02).abs() < 1e-6, "{slowest}");
     }
 
     #[test]
     fn a_movement_is_two_numbers_that_a_robot_may_be_driven_by() {
-        let is = |ahead_m_per_s, left_rad_per_s| {
+        let is = |forward_m_per_s, turn_rad_per_s| {
             Ok(Twist {
-                ahead_m_per_s,
-                left_rad_per_s,
+                forward_m_per_s,
+                turn_rad_per_s,
             })
         };
-        let read = str::parse::<Twist>;
-        assert_eq!(read("0.2,-0.5"), is(0.2, -0.5));
-        assert_eq!(read("-2 , 6.3"), is(-2.0, 6.3));
-        assert_eq!(read("0.1 0"), is(0.1, 0.0));
+        assert_eq!(twist("0.2,-0.5"), is(0.2, -0.5));
+        assert_eq!(twist("-2 , 6.3"), is(-2.0, 6.3));
+        assert_eq!(twist("0.1 0"), is(0.1, 0.0));
         for text in ["", "1", "1,", "NaN,0", "0,inf", "2.1,0", "0,6.4", "1,2,3"] {
-            assert!(read(text).is_err(), "{text}");
+            assert!(twist(text).is_err(), "{text}");
         }
     }
 }
