@@ -66,7 +66,9 @@ pub fn open(
 pub struct OnChip(());
 
 impl OnChip {
-    /// Does something to the flash, which cannot be read meanwhile.
+    /// Does something to the flash, which cannot be read meanwhile. Not inlined: what makes the
+    /// robot lies in flash, and may call this.
+    #[inline(never)]
     fn change(&mut self, act: impl FnOnce()) {
         // SAFETY: nothing is read from the flash between the first and the last of these: code,
         // constants and vectors are in RAM, and the store, which alone reads it, is waiting here.

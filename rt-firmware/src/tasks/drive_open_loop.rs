@@ -3,7 +3,7 @@
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
-use super::laws::ramped;
+use super::ramp::{Ramp, RampLimits};
 use super::values::{Chassis, Twist};
 use crate::drivers::DcMotor;
 use crate::ports::Io;
@@ -44,6 +44,8 @@ task! {
         params {
             /// How fast the wheels may change their speed, in m/s for each second.
             acceleration_m_per_s2: f32 = 1.2, 0.1..=5.0;
+            /// How fast that may set in and end, in m/s² for each second.
+            jerk_m_per_s3: f32 = 12.0, 0.5..=1000.0;
             /// Power of the left motor, as a part of what is worked out: less than 1 for the
             /// stronger motor.
             left_part: f32 = 1.0, 0.5..=1.0;
@@ -56,24 +58,23 @@ task! {
 #[derive(Debug)]
 struct OpenWheel<P, D> {
     motor: DcMotor<P, D>,
-    speed_m_per_s: f32,
+    speed: Ramp,
 }
 
 impl<P: SetDutyCycle, D: OutputPin> OpenWheel<P, D> {
-    /// Goes towards a speed by `most_change_m_per_s` at most. Returns whether the motor's driver
-    /// took it.
+    /// Goes towards a speed. Returns whether the motor's driver took it.
     fn drive(
         &mut self,
         chassis: &Chassis,
         asked_m_per_s: f32,
-        most_change_m_per_s: f32,
+        limits: &RampLimits,
         part: f32,
     ) -> bool {
-        self.speed_m_per_s = ramped(self.speed_m_per_s, asked_m_per_s, most_change_m_per_s);
-        let power = if self.speed_m_per_s.abs() < Chassis::STANDING_M_PER_S {
+        let speed_m_per_s = self.speed.step(asked_m_per_s, limits);
+        let power = if speed_m_per_s.abs() < Chassis::STANDING_M_PER_S {
             0.0
         } else {
-            chassis.rolling_power(self.speed_m_per_s) * part
+            chassis.rolling_power(speed_m_per_s) * part
         };
         self.motor.drive(power).is_ok()
     }
@@ -87,11 +88,11 @@ impl<LP: SetDutyCycle, LD: OutputPin, RP: SetDutyCycle, RD: OutputPin>
         Self {
             left: OpenWheel {
                 motor: left,
-                speed_m_per_s: 0.0,
+                speed: Ramp::default(),
             },
             right: OpenWheel {
                 motor: right,
-                speed_m_per_s: 0.0,
+                speed: Ramp::default(),
             },
             chassis,
         }
@@ -106,19 +107,25 @@ where
     RD: OutputPin + Send,
 {
     fn reset(&mut self) {
-        self.left.speed_m_per_s = 0.0;
-        self.right.speed_m_per_s = 0.0;
+        self.left.speed.stop();
+        self.right.speed.stop();
     }
 
     fn step(&mut self, io: &mut Io<'_>) -> Step {
         let twist = io.try_read(Self::TWIST).copied().unwrap_or(Twist::STILL);
-        let speeds = self.chassis.wheel_speeds(&twist);
-        let period_s = io.period_us() as f32 / 1e6;
-        let change_m_per_s = io.param(Self::ACCELERATION_M_PER_S2) * period_s;
-        let (left_part, right_part) = (io.param(Self::LEFT_PART), io.param(Self::RIGHT_PART));
         let chassis = &self.chassis;
-        let left = (self.left).drive(chassis, speeds.left_m_per_s, change_m_per_s, left_part);
-        let right = (self.right).drive(chassis, speeds.right_m_per_s, change_m_per_s, right_part);
+        let speeds = chassis
+            .wheel_speeds(&twist)
+            .at_most(chassis.full_speed_m_per_s);
+        let period_s = io.period_us() as f32 / 1e6;
+        let limits = RampLimits::new(
+            io.param(Self::ACCELERATION_M_PER_S2),
+            io.param(Self::JERK_M_PER_S3),
+            period_s,
+        );
+        let (left_part, right_part) = (io.param(Self::LEFT_PART), io.param(Self::RIGHT_PART));
+        let left = (self.left).drive(chassis, speeds.left_m_per_s, &limits, left_part);
+        let right = (self.right).drive(chassis, speeds.right_m_per_s, &limits, right_part);
         io.set(Self::FAILED, !(left && right));
         Step::Run
     }
@@ -149,6 +156,7 @@ mod tests {
         bench.period_us(20_000);
         bench
             .param(Task::ACCELERATION_M_PER_S2, 1.0)
+            .param(Task::JERK_M_PER_S3, 1_000.0)
             .param(Task::LEFT_PART, 1.0)
             .param(Task::RIGHT_PART, 0.5);
         bench

@@ -37,11 +37,6 @@ impl Approach {
     }
 }
 
-/// A value on its way to a goal, `most_change` nearer at most.
-pub fn ramped(value: f32, goal: f32, most_change: f32) -> f32 {
-    value + (goal - value).clamp(-most_change, most_change)
-}
-
 /// A straight line on the floor: from a pose on, the way that it looked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
@@ -145,6 +140,22 @@ impl WallSight {
     /// Whether something is so near at 45° that the robot would scrape along it.
     pub fn scrapes(&self, distance_m: f32) -> bool {
         self.diagonal_m < Self::DIAGONAL_PART * distance_m
+    }
+}
+
+impl WheelSpeeds {
+    /// Both in the same proportion, so that the robot keeps to its curve, and neither faster than
+    /// this, in metres per second.
+    pub fn at_most(self, most_m_per_s: f32) -> Self {
+        let fastest_m_per_s = self.left_m_per_s.abs().max(self.right_m_per_s.abs());
+        if fastest_m_per_s <= most_m_per_s {
+            return self;
+        }
+        let part = most_m_per_s / fastest_m_per_s;
+        Self {
+            left_m_per_s: self.left_m_per_s * part,
+            right_m_per_s: self.right_m_per_s * part,
+        }
     }
 }
 
