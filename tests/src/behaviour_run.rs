@@ -43,7 +43,7 @@ pub fn behave(behaviour: &str, world: World, seed: u64, until_s: u64) -> Behavio
         r#"use "{rover}";
         interpreter slot 1;
         slot 1 period 20 ms duration 2 ms;
-        slot 2 period 20 ms duration 4 ms;
+        slot 2 period 10 ms duration 4 ms;
         slot 3 period 40 ms duration 2 ms;
         machine Behave {{
             region sonars {{ task Listen: SonarRing; initial -> Listen; }}

@@ -34,7 +34,7 @@ task! {
         wcet 300 us;
         exclusive motion;
         data {
-            /// Where the robot is. Five periods of the slot that usually tells it: then it is at
+            /// Where the robot is. Ten periods of the slot that usually tells it: then it is at
             /// most 5 cm off at full speed.
             in pose: Pose optional within 100 ms;
             /// How it wants to move.

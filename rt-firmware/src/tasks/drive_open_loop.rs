@@ -33,7 +33,7 @@ task! {
         wcet 300 us;
         endless;
         data {
-            /// How to move. Five periods of the slot in which it is usually decided: at 0.3 m/s the
+            /// How to move. Ten periods of the slot in which it is usually decided: at 0.3 m/s the
             /// robot rolls 3 cm in this time.
             in twist: Twist optional within 100 ms;
         }

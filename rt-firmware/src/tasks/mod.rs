@@ -29,13 +29,13 @@
 //! A value stays on its net when its writer is gone, so a task that moves the robot or decides
 //! about its safety says how old what it reads may be, and does what is safe where there is nothing
 //! as young as that: it stands, or it says that something is close. The times are made of the
-//! periods of the writers' slots, 20 ms for control and 40 ms for the sonars:
+//! periods of the writers' slots, 10 ms for control, 20 ms for decisions and 40 ms for the sonars:
 //!
 //! | value | within | for |
 //! |---|---|---|
 //! | [`Ranges`] | 200 ms | three windows of the 60 ms that a sonar's data sheet asks for, five of 40 ms; at 0.5 m/s that is 10 cm |
-//! | [`Twist`] | 100 ms | three periods of 20 ms, and two in which nobody writes while a superstate is entered; 5 cm |
-//! | [`Pose`], [`WheelSpeeds`], [`Line`] | 100 ms | five periods of 20 ms: fewer would make a robot jerk that misses three slots in a row, which the runtime bears |
+//! | [`Twist`] | 100 ms | three periods of 20 ms of a mission's decisions, and two in which nobody writes while a superstate is entered; 5 cm |
+//! | [`Pose`], [`WheelSpeeds`], [`Line`] | 100 ms | ten periods, five in a robot with a slower slot: fewer would make a robot jerk that misses three slots in a row, which the runtime bears |
 //! | [`Battery`] | 200 ms | five periods of 40 ms |
 //!
 //! Tasks with hardware own their drivers. Those that move the robot never touch a motor: they
