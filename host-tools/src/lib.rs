@@ -15,7 +15,7 @@ pub use esm_client::{
 pub use esm_toolkit::{
     boards, bound, clean, compile, counters, diagram, fit, goal, inspect, language_server, model,
     nearest, odometry, parameters, pictures, schedule, script, sim, task_page, timetable, trace,
-    trace_events, world,
+    trace_events, tune, world,
 };
 
 /// The language front end, and its files on disk.

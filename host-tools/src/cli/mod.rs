@@ -44,6 +44,7 @@ pub mod kept_values;
 pub mod key;
 pub mod log;
 pub mod lsp;
+mod memory;
 pub mod mission;
 pub mod odometry;
 pub mod param;
@@ -68,6 +69,7 @@ pub mod tasks;
 pub mod terminal;
 pub mod test;
 pub mod top;
+pub mod tune;
 pub mod umbmark;
 pub mod upload;
 pub mod values;
@@ -136,6 +138,7 @@ pub enum Command {
     Wiring(wiring::WiringArgs),
     Replay(replay::ReplayArgs),
     Odometry(odometry::OdometryArgs),
+    Tune(tune::TuneArgs),
     Umbmark(umbmark::UmbmarkArgs),
     Record(record::RecordArgs),
     Plot(plot::PlotArgs),
@@ -234,6 +237,7 @@ pub fn execute(
         Command::Wiring(args) => wiring::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
         Command::Odometry(args) => odometry::execute(args, console),
+        Command::Tune(args) => tune::execute(args, robot, console),
         Command::Umbmark(args) => umbmark::execute(args, robot, console),
         Command::Record(args) => record::execute(args, robot, console),
         Command::Plot(args) => plot::execute(args, console),

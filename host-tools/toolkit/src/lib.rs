@@ -50,6 +50,7 @@ mod test_disk;
 pub mod timetable;
 pub mod trace;
 pub mod trace_events;
+pub mod tune;
 pub mod values;
 #[cfg(test)]
 mod work_time;

@@ -1,17 +1,18 @@
-//! Writes pose and battery to the log, in no hurry.
+//! Writes pose, battery and motors to the log, in no hurry.
 
-use super::values::{Battery, Pose};
+use super::values::{Battery, Pose, WheelControl};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Writes one line to the log and finishes. It has no slot of its own: it runs in the time that is
+/// Writes a line to the log, and one on the motors where it knows of them, and finishes. It has no slot of its own: it runs in the time that is
 /// left, on the values that its ports held when its state was entered.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Logger;
 
 task! {
-    /// Writes pose and battery to the log, and finishes. It runs in the time that slots leave.
+    /// Writes pose and battery to the log, and how much power the motors get, and finishes. It runs
+    /// in the time that slots leave.
     impl Logger {
         slot 0;
         data {
@@ -19,6 +20,8 @@ task! {
             in pose: Pose;
             /// The battery.
             in battery: Battery;
+            /// What the motors get, as `WheelSpeed` says.
+            in control: WheelControl optional;
         }
     }
 }
@@ -35,6 +38,13 @@ impl Task for Logger {
             thousandths(pose.heading_rad),
             thousandths(battery.voltage_v)
         );
+        if let Some(control) = io.try_read(Self::CONTROL) {
+            info!(
+                "left motor at {} of 1000, right motor at {}",
+                thousandths(control.left_power),
+                thousandths(control.right_power)
+            );
+        }
         Step::Finished
     }
 }
@@ -56,6 +66,7 @@ mod tests {
         assert_eq!(bench.step(), None, "the battery is not known yet");
         bench.give(Logger::BATTERY, Battery { voltage_v: 7.4 });
         assert_eq!(bench.step(), Some(Step::Finished));
+        bench.give(Logger::CONTROL, WheelControl::default());
         assert_eq!(bench.enter_anew().step(), Some(Step::Finished));
     }
 

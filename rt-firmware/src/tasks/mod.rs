@@ -96,6 +96,6 @@ pub use stop::Stop;
 pub use turn::Turn;
 pub use values::{
     ARRAY_SONARS, ArrayRanges, Battery, Bearing, Chassis, Line, MAX_SONARS, Pose, Ranges, Reading,
-    Sector, Twist, WheelSpeeds,
+    Sector, Twist, WheelControl, WheelSpeeds,
 };
 pub use wheel_speed::WheelSpeed;

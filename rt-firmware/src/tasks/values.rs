@@ -59,6 +59,31 @@ impl PortType for WheelSpeeds {
     fields! { left_m_per_s: f32, right_m_per_s: f32 }
 }
 
+/// What the wheels are to do, and what their motors get for it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct WheelControl {
+    /// How fast the left wheel is to roll now, in metres per second.
+    pub left_set_m_per_s: f32,
+    /// How fast the right wheel is to roll now, in metres per second.
+    pub right_set_m_per_s: f32,
+    /// Power of the left motor, in parts of full power, -1 to 1.
+    pub left_power: f32,
+    /// Power of the right motor.
+    pub right_power: f32,
+}
+
+impl PortType for WheelControl {
+    const NAME: &'static str = "WheelControl";
+    const INIT: Self = Self {
+        left_set_m_per_s: 0.0,
+        right_set_m_per_s: 0.0,
+        left_power: 0.0,
+        right_power: 0.0,
+    };
+
+    fields! { left_set_m_per_s: f32, right_set_m_per_s: f32, left_power: f32, right_power: f32 }
+}
+
 /// Where a sonar looks, in steps of an eighth of a turn, counter-clockwise from straight ahead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]

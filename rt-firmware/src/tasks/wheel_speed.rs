@@ -4,7 +4,7 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
 use super::ramp::{Ramp, RampLimits};
-use super::values::{Chassis, Twist, WheelSpeeds};
+use super::values::{Chassis, Twist, WheelControl, WheelSpeeds};
 use crate::drivers::DcMotor;
 use crate::ports::Io;
 use crate::task;
@@ -63,6 +63,8 @@ task! {
             in twist: Twist optional within 100 ms;
             /// How fast the wheels roll.
             in speeds: WheelSpeeds optional within 100 ms;
+            /// What the wheels are to do, and what their motors get for it.
+            out control: WheelControl;
         }
         flags {
             /// A wheel does not turn although it is driven, or a motor driver has failed.
@@ -145,15 +147,16 @@ impl<P: SetDutyCycle, D: OutputPin> DrivenWheel<P, D> {
         }
     }
 
-    /// Gives the wheel `part` of what is asked for. Returns whether it follows.
-    fn drive(&mut self, asked: &Asked, part: f32, speed_m_per_s: f32) -> bool {
+    /// Gives the wheel this power for what is asked for, of which that is a `part`. Returns whether
+    /// it follows.
+    fn drive(&mut self, asked: &Asked, part: f32, power: f32, speed_m_per_s: f32) -> bool {
         // Where there is no power for it, an integral would grow without an effect.
         if part >= 1.0 || asked.integral_power.abs() < self.integral_power.abs() {
             self.integral_power = asked.integral_power;
         }
         let goal_m_per_s = self.goal.speed().abs();
         let turns = speed_m_per_s.abs() >= goal_m_per_s * BLOCKED_PART;
-        let driven = self.motor.drive(asked.power * part).is_ok();
+        let driven = self.motor.drive(power).is_ok();
         driven && (turns || goal_m_per_s < BLOCKED_GOAL_M_PER_S)
     }
 }
@@ -190,6 +193,7 @@ where
         let Some(speeds) = io.try_read(Self::SPEEDS) else {
             self.left.stop();
             self.right.stop();
+            *io.write(Self::CONTROL) = WheelControl::default();
             return Step::Run;
         };
         let twist = io.try_read(Self::TWIST).unwrap_or(&Twist::STILL);
@@ -210,8 +214,16 @@ where
         let right = (self.right).control(wanted.right_m_per_s, speeds.right_m_per_s, &around);
         let most = left.power.abs().max(right.power.abs());
         let part = if most > 1.0 { 1.0 / most } else { 1.0 };
-        let left_follows = self.left.drive(&left, part, speeds.left_m_per_s);
-        let right_follows = self.right.drive(&right, part, speeds.right_m_per_s);
+        let control = WheelControl {
+            left_set_m_per_s: self.left.goal.speed(),
+            right_set_m_per_s: self.right.goal.speed(),
+            left_power: left.power * part,
+            right_power: right.power * part,
+        };
+        let left_follows = (self.left).drive(&left, part, control.left_power, speeds.left_m_per_s);
+        let right_follows =
+            (self.right).drive(&right, part, control.right_power, speeds.right_m_per_s);
+        *io.write(Self::CONTROL) = control;
         self.blocked_for_us = if left_follows && right_follows {
             0
         } else {

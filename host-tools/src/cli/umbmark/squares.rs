@@ -1,15 +1,14 @@
 //! Squares that a simulated robot drives by its odometry, for `esm umbmark run`.
 
-use std::cell::RefCell;
-use std::io::{self, Write};
+use std::io;
 use std::path::Path;
-use std::rc::Rc;
 use std::time::Duration;
 
 use anyhow::anyhow;
 use esm_toolkit::values::Shape;
 
 use crate::cli::exit::CommandError;
+use crate::cli::memory::Recorded;
 use crate::cli::mission;
 use crate::compile::NameTable;
 use crate::host_board::RobotMaker;
@@ -122,7 +121,7 @@ impl Squares {
                 self.until_us / 1_000_000
             )));
         }
-        let told = last_pose(&recorded.0.borrow())?;
+        let told = last_pose(&recorded.read()?)?;
         Ok(off(&run.plant, told))
     }
 }
@@ -141,27 +140,11 @@ fn square(direction: Direction, side_m: f64) -> Result<Mission, CommandError> {
     Mission::new(Path::new(NAME), blob).map_err(|error| CommandError::Input(error.into()))
 }
 
-/// A recording that is kept in memory.
-#[derive(Clone, Default)]
-struct Recorded(Rc<RefCell<Vec<u8>>>);
-
-impl Write for Recorded {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.borrow_mut().extend_from_slice(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
 /// Where the robot took itself to be at last, in metres: the mission has one net with a pose.
-fn last_pose(recording: &[u8]) -> Result<[f64; 2], CommandError> {
+fn last_pose(recording: &Recording) -> Result<[f64; 2], CommandError> {
     let unread = |error: &dyn std::fmt::Display| {
         CommandError::Input(anyhow!("what the robot told of its pose: {error}"))
     };
-    let recording = Recording::read(recording).map_err(|error| unread(&error))?;
     let mut last = None;
     for sample in recording.samples() {
         let sample = sample.map_err(|error| unread(&error))?;

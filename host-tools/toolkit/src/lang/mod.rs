@@ -27,6 +27,7 @@ mod parser;
 mod references;
 mod render;
 mod resolve;
+mod set_values;
 mod source;
 pub(crate) mod tree;
 
@@ -34,6 +35,7 @@ pub use diagnostic::{Code, Diagnostic, Edit, Fix, Severity};
 pub use lexer::RESERVED_WORDS;
 pub use loader::{Overlay, Store};
 pub use references::References;
+pub use set_values::Rewritten;
 pub use source::{LoadError, MAX_FILE_BYTES, Position, Positions};
 
 use crate::model::{Model, SourceFile, Span};
@@ -176,6 +178,16 @@ impl Checked {
         self.diagnostics
             .iter()
             .any(|diagnostic| diagnostic.severity() == Severity::Error)
+    }
+
+    /// The file that was asked for, with these values of parameters in all task states of `task`.
+    /// None where something is wrong with it.
+    pub fn with_values(&self, task: &str, values: &[(&str, String)]) -> Option<Rewritten> {
+        if self.has_errors() {
+            return None;
+        }
+        let (file, tree) = (self.files.first()?, self.trees.first()?);
+        set_values::rewritten(&file.text, tree, task, values)
     }
 
     /// Adds a diagnostic of a later pass at its place in the order. An error takes the model away.
