@@ -11,7 +11,7 @@ use esm_tests::command::{esm, firmware_with_behaviours};
 fn trace(board: &[&str], world: &str) -> String {
     let folder = tempfile::tempdir().unwrap();
     let trace = folder.path().join("trace.jsonl");
-    let run = ["run", "missions/guard.esm", "--until", "40 s"];
+    let run = ["run", "missions/guard.esm", "--until", "44 s"];
     let there = ["--world", world, "--trace", trace.to_str().unwrap()];
     esm(&[&run[..], &there[..], board].concat()).good();
     read(&trace)

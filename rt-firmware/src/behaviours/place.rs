@@ -191,7 +191,8 @@ impl Place {
             }
             Role::Executes | Role::Waits => {}
             Role::Idles => {
-                let is_free = !self.is_barred && SafetyCheck::is_free(&self.asked, around.ranges);
+                let is_free =
+                    !self.is_barred && SafetyCheck::is_free_again(&self.asked, around.ranges);
                 self.free_us = if is_free {
                     self.free_us.saturating_add(around.period_us)
                 } else {

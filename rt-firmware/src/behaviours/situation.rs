@@ -47,8 +47,21 @@ impl SafetyCheck {
 }
 
 impl SafetyCheck {
+    /// So much more must be free before the robot goes on after it has stopped, in metres: else the
+    /// noise of a sonar would let it go on towards what it has stopped before.
+    pub const MORE_M: f32 = 0.03;
+
     /// Whether the way of this movement is free.
     pub fn is_free(twist: &Twist, ranges: Option<&Ranges>) -> bool {
+        Self::is_free_by(twist, ranges, 0.0)
+    }
+
+    /// Whether the way is free of which it was not: by a little more.
+    pub fn is_free_again(twist: &Twist, ranges: Option<&Ranges>) -> bool {
+        Self::is_free_by(twist, ranges, Self::MORE_M)
+    }
+
+    fn is_free_by(twist: &Twist, ranges: Option<&Ranges>, more_m: f32) -> bool {
         let ways = if twist.forward_m_per_s > 0.0 {
             [Bearing::Ahead, Bearing::AheadLeft, Bearing::AheadRight]
         } else if twist.forward_m_per_s < 0.0 {
@@ -56,7 +69,7 @@ impl SafetyCheck {
         } else {
             return true;
         };
-        let stop_m = Self::stop_distance_m(twist.forward_m_per_s);
+        let stop_m = Self::stop_distance_m(twist.forward_m_per_s) + more_m;
         let [straight, diagonals @ ..] = ways;
         // A direction in which no sonar looks is nobody's fault, but straight on.
         ranges.is_some_and(|ranges| {
@@ -125,6 +138,26 @@ mod tests {
             assert_eq!(
                 reaction, expected,
                 "sonar {sonar}: {range_m} m at {speed} m/s"
+            );
+        }
+    }
+
+    #[test]
+    fn a_little_more_must_be_free_before_it_goes_on() {
+        let stop_m = SafetyCheck::stop_distance_m(0.3);
+        for (more_m, is_free, is_free_again) in [
+            (0.01, true, false),
+            (SafetyCheck::MORE_M + 0.001, true, true),
+            (-0.01, false, false),
+        ] {
+            let mut ranges = Ranges::FREE;
+            ranges.range_m[0] = stop_m + more_m;
+            let (twist, ranges) = (forwards(0.3), Some(&ranges));
+            assert_eq!(SafetyCheck::is_free(&twist, ranges), is_free, "{more_m}");
+            assert_eq!(
+                SafetyCheck::is_free_again(&twist, ranges),
+                is_free_again,
+                "{more_m}"
             );
         }
     }
