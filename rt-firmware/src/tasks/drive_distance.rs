@@ -13,7 +13,7 @@ const APPROACH: Approach = Approach {
     per_s: 3.0,
     slowest_per_s: 0.03,
     tolerance: 0.003,
-    standing: 0.0002,
+    standing_per_s: 0.01,
 };
 
 /// Drives along the line on which the robot stood when the state was entered, and finishes when it
@@ -65,7 +65,7 @@ impl Task for DriveDistance {
         let distance_m = io.param(Self::DISTANCE_M);
         let left_m = distance_m - seen.along_m;
         let moved_m = seen.along_m - core::mem::replace(&mut self.last_m, seen.along_m);
-        if APPROACH.is_reached(left_m, moved_m) {
+        if APPROACH.is_reached(left_m, moved_m, io.period_us()) {
             *io.write(Self::TWIST) = Twist::STILL;
             return Step::Finished;
         }

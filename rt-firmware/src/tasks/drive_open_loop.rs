@@ -45,7 +45,7 @@ task! {
             /// How fast the wheels may change their speed, in m/s for each second.
             acceleration_m_per_s2: f32 = 1.2, 0.1..=5.0;
             /// How fast that may set in and end, in m/s² for each second.
-            jerk_m_per_s3: f32 = 12.0, 0.5..=1000.0;
+            jerk_m_per_s3: f32 = 30.0, 0.5..=1000.0;
             /// Power of the left motor, as a part of what is worked out: less than 1 for the
             /// stronger motor.
             left_part: f32 = 1.0, 0.5..=1.0;

@@ -15,8 +15,8 @@ pub struct Approach {
     pub slowest_per_s: f32,
     /// Nearer than this is at the goal.
     pub tolerance: f32,
-    /// Who has moved less than this since the last step stands.
-    pub standing: f32,
+    /// Who is slower than this stands.
+    pub standing_per_s: f32,
 }
 
 impl Approach {
@@ -30,10 +30,11 @@ impl Approach {
         speed_per_s.min(most_per_s).copysign(left)
     }
 
-    /// Whether the goal is reached: near enough, and since the last step, which moved `moved`,
-    /// nothing rolls any more that would carry it away again.
-    pub fn is_reached(self, left: f32, moved: f32) -> bool {
-        left.abs() < self.tolerance && moved.abs() < self.standing
+    /// Whether the goal is reached: near enough, and in the last step, which moved by `moved` in
+    /// `period_us`, nothing rolls any more that would carry it away again.
+    pub fn is_reached(self, left: f32, moved: f32, period_us: u32) -> bool {
+        let standing = self.standing_per_s * (period_us as f32 / 1e6);
+        left.abs() < self.tolerance && moved.abs() < standing
     }
 }
 
@@ -193,7 +194,7 @@ mod tests {
             per_s: 2.0,
             slowest_per_s: 0.05,
             tolerance: 0.004,
-            standing: 0.001,
+            standing_per_s: 0.05,
         };
         for (left, speed) in [
             (10.0, 0.3),
@@ -217,7 +218,10 @@ mod tests {
             (-0.003, -0.002, false),
             (0.005, 0.0, false),
         ] {
-            let reached = approach.is_reached(left, moved);
+            // The same speed in half the time.
+            let reached = approach.is_reached(left, moved / 2.0, 10_000);
+            assert_eq!(reached, is_reached, "{left} {moved}");
+            let reached = approach.is_reached(left, moved, 20_000);
             assert_eq!(reached, is_reached, "{left} {moved}");
         }
     }

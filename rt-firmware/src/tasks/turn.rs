@@ -14,7 +14,7 @@ const APPROACH: Approach = Approach {
     per_s: 5.0,
     slowest_per_s: 0.1,
     tolerance: 0.008,
-    standing: 0.001,
+    standing_per_s: 0.05,
 };
 
 /// Turns on the spot by `angle_rad` and finishes when it stands there: to the left if `left` is
@@ -78,7 +78,7 @@ impl Task for Turn {
             forward_m_per_s: 0.0,
             turn_rad_per_s: APPROACH.speed(left_rad, io.param(Self::RATE_RAD_PER_S)),
         };
-        if APPROACH.is_reached(left_rad, moved_rad) {
+        if APPROACH.is_reached(left_rad, moved_rad, io.period_us()) {
             Step::Finished
         } else {
             Step::Run

@@ -36,7 +36,7 @@ const BLOCKED_AFTER_US: u32 = 800_000;
 /// part of the power, and the integral rests meanwhile.
 ///
 /// Where nobody has asked for a twist for a while the wheels brake, within the same bounds: from a
-/// speed v the robot stands after v / acceleration + acceleration / jerk, 0.35 s at 0.3 m/s. Where
+/// speed v the robot stands after v / acceleration + acceleration / jerk, 0.29 s at 0.3 m/s. Where
 /// nobody knows how fast they roll, the motors are off.
 ///
 /// `blocked` is set while a wheel does not turn although it is driven, or a motor driver reports a
@@ -74,7 +74,7 @@ task! {
             /// How fast the wheels may change their speed, in m/s for each second.
             acceleration_m_per_s2: f32 = 1.2, 0.1..=5.0;
             /// How fast that may set in and end, in m/s² for each second.
-            jerk_m_per_s3: f32 = 12.0, 0.5..=1000.0;
+            jerk_m_per_s3: f32 = 30.0, 0.5..=1000.0;
             /// Power for each m/s of speed that is lacking.
             proportional_s_per_m: f32 = 0.8, 0.0..=20.0;
             /// Power for each metre that has been lost by lacking speed.
