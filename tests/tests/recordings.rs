@@ -293,11 +293,11 @@ fn a_moment_of_a_walk_shows_its_guard_with_what_was_read() {
     let bytes = RUNS[0].made().recording;
     let recording = Recording::read(&bytes).unwrap();
     let (mut walk, _) = Walk::new(&recording, false);
-    let told = walk.to_time(15_000_000).unwrap().to_string();
+    let told = walk.to_time(16_320_000).unwrap().to_string();
     assert_eq!(
         told,
         "\
-16.200 s, patrol: macro step 810, micro step 0, on pulse
+16.340 s, patrol: macro step 817, micro step 0, on pulse
   motion/Roam/steps/Ahead -> motion/Roam/steps/AvoidLeft
     [.near and .left_freer]   .near = true, .left_freer = true
     sets motion/Roam/steps/AvoidLeft.left
@@ -340,7 +340,7 @@ fn times_are_looked_for_in_each_run_of_a_robot_that_was_reset() {
         assert!(moment.t_us >= t_s * SECOND, "{moment}");
         Some((moment.stretch, moment.t_us))
     };
-    let late = (0, 16_200_000);
+    let late = (0, 16_300_000);
     assert_eq!(at(15), Some(late));
     let early = at(1).unwrap();
     assert_eq!(early.0, 0);

@@ -53,7 +53,7 @@ fn what_it_tells_once_is_what_the_robot_counted() {
     }
     for (slot, (number, period_ns)) in told["slots"].as_array().unwrap().iter().zip([
         (1, 20_000_000),
-        (2, 20_000_000),
+        (2, 10_000_000),
         (3, 40_000_000_u64),
     ]) {
         assert_eq!(slot["slot"], number);

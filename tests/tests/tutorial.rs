@@ -47,8 +47,8 @@ const STEPS: [StepOfTutorial; 6] = [
         least_m: 3.3,
         stops: 0,
         told: &[
-            (15_480, "motion/Follow", "motion/Search"),
-            (16_280, "motion/Search", "motion/Follow"),
+            (15_500, "motion/Follow", "motion/Search"),
+            (16_300, "motion/Search", "motion/Follow"),
         ],
     },
     StepOfTutorial {
@@ -57,8 +57,8 @@ const STEPS: [StepOfTutorial; 6] = [
         least_m: 5.8,
         stops: 0,
         told: &[
-            (22_920, "motion/Follow", "motion/Ahead"),
-            (23_320, "motion/Ahead", "motion/Follow"),
+            (24_280, "motion/Follow", "motion/Ahead"),
+            (24_700, "motion/Ahead", "motion/Follow"),
         ],
     },
     StepOfTutorial {
@@ -68,11 +68,11 @@ const STEPS: [StepOfTutorial; 6] = [
         stops: 0,
         told: &[
             (
-                17_800,
+                17_920,
                 "motion/SearchRight/watch/Watch",
                 "motion/SearchRight/watch/final",
             ),
-            (17_820, "motion/SearchRight", "motion/Follow"),
+            (17_940, "motion/SearchRight", "motion/Follow"),
         ],
     },
     StepOfTutorial {
@@ -81,8 +81,8 @@ const STEPS: [StepOfTutorial; 6] = [
         least_m: 18.0,
         stops: 1,
         told: &[
-            (57_540, "safety/Watch", "safety/Wait"),
-            (57_540, "motion/Drive", "motion/Halted"),
+            (61_340, "safety/Watch", "safety/Wait"),
+            (61_340, "motion/Drive", "motion/Halted"),
         ],
     },
     StepOfTutorial {
@@ -218,7 +218,7 @@ fn the_solutions_do_what_the_book_says_of_them() {
     }
     // It turns at the gap and drives back: to the left of it, on the line that leads there.
     let (plant, trace) = driven(&STEPS[1].file(), 30);
-    assert!(has_taken(&trace, 20_560, "motion/Follow", "motion/Search"));
+    assert!(has_taken(&trace, 20_480, "motion/Follow", "motion/Search"));
     let path = plant.statistics().path();
     let end = path.last().unwrap().pose;
     assert!(
@@ -235,7 +235,7 @@ fn the_solutions_do_what_the_book_says_of_them() {
         .zip(&after)
         .find(|(before, after)| before != after);
     let (before, after) = first.unwrap();
-    for (line, t_ms) in [(before, 16_000), (after, 15_700)] {
+    for (line, t_ms) in [(before, 16_020), (after, 15_720)] {
         assert!(
             has_taken(line, t_ms, "motion/Ahead", "motion/TurnRight"),
             "{line}"
@@ -246,8 +246,8 @@ fn the_solutions_do_what_the_book_says_of_them() {
     assert_eq!(transitions(&before), transitions(&after));
 
     let (plant, trace) = driven(&solution("5_obstacle"), STEPS[4].until_s);
-    assert!(has_taken(&trace, 57_540, "motion/Drive", "motion/Halted"));
-    assert!(has_taken(&trace, 58_580, "motion/Halted", "motion/About"));
+    assert!(has_taken(&trace, 61_340, "motion/Drive", "motion/Halted"));
+    assert!(has_taken(&trace, 62_380, "motion/Halted", "motion/About"));
     assert_eq!(plant.collisions(), 0);
 }
 

@@ -8,11 +8,11 @@ use crate::task;
 use crate::task::{Step, Task};
 
 /// It slows down at the end, and never so far that friction would end the turn early: the wheels
-/// roll by 1 cm/s then, and 0.8 mm, 0.008 rad, more when they are to stand: as much as the
+/// roll by 7 mm/s then, and 0.8 mm, 0.008 rad, more when they are to stand: as much as the
 /// tolerance, so that it ends at the goal. An encoder count is 0.0007 rad.
 const APPROACH: Approach = Approach {
     per_s: 5.0,
-    slowest_per_s: 0.1,
+    slowest_per_s: 0.07,
     tolerance: 0.008,
     standing_per_s: 0.05,
 };
