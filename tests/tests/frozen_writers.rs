@@ -429,7 +429,7 @@ fn mission(motion: &str, paths: &str) -> String {
 #[test]
 fn patrol_stands_whoever_of_its_writers_freezes() {
     let office = Subject::new(patrol(), "office");
-    const FAST_US: u64 = 32_000_000; // down a free way, at full speed
+    const FAST_US: u64 = 34_000_000; // down a free way, at full speed
     let ranges_us = input_bound_us::<Cruise>("ranges");
     stands(&office, "SonarRing", FAST_US, ranges_us).is_in_book("`SonarRing`");
     let speeds_us = within_us::<PinWheelSpeed>("speeds") + PERIOD_US;
@@ -451,7 +451,7 @@ fn patrol_stands_too_where_the_sonars_freeze_while_it_turns() {
     stands(&office, "SonarRing", 18_600_000, bound_us)
         .is_in_book("`SonarRing`, while the robot turns");
     // The alarm ends after a second, again and again. It stands all the same, to the end.
-    let driven = office.driven(&Freeze::new("SonarRing", 32_000_000), 60_000_000);
+    let driven = office.driven(&Freeze::new("SonarRing", 34_000_000), 60_000_000);
     assert!(driven.stands_us() <= MOST_STANDS_US);
     assert_eq!(driven.collisions(), 0);
 }
@@ -549,7 +549,7 @@ fn a_robot_without_encoders_stands_too() {
 
 #[test]
 fn a_battery_that_nobody_measures_counts_as_empty_where_somebody_guards_it() {
-    const LEFT_US: u64 = 32_000_000;
+    const LEFT_US: u64 = 34_000_000;
     // Nothing freezes here: the state is left that measures.
     let guard = "region guard { task Keep: BatteryGuard; initial -> Keep; }\n    region diary {";
     let guarded = patrol()
@@ -560,7 +560,7 @@ fn a_battery_that_nobody_measures_counts_as_empty_where_somebody_guards_it() {
         )
         .replace(
             "task Measure: BatteryMonitor;",
-            "task Measure: BatteryMonitor timeout 32 s;",
+            "task Measure: BatteryMonitor timeout 34 s;",
         )
         .replace(
             "Measure -> final on pulse [.low]",

@@ -293,11 +293,11 @@ fn a_moment_of_a_walk_shows_its_guard_with_what_was_read() {
     let bytes = RUNS[0].made().recording;
     let recording = Recording::read(&bytes).unwrap();
     let (mut walk, _) = Walk::new(&recording, false);
-    let told = walk.to_time(16_320_000).unwrap().to_string();
+    let told = walk.to_time(16_490_000).unwrap().to_string();
     assert_eq!(
         told,
         "\
-16.340 s, patrol: macro step 817, micro step 0, on pulse
+16.500 s, patrol: macro step 825, micro step 0, on pulse
   motion/Roam/steps/Ahead -> motion/Roam/steps/AvoidLeft
     [.near and .left_freer]   .near = true, .left_freer = true
     sets motion/Roam/steps/AvoidLeft.left

@@ -37,7 +37,7 @@ fn a_recording_is_walked_through_on_the_screen_and_the_terminal_is_given_back() 
     let mut session = on_a_terminal(&[]);
     session.wait_for("sonars/Listen");
     assert!(!session.is_as_before(), "it reads keys one by one");
-    session.press(b"/16320 ms\r");
+    session.press(b"/16490 ms\r");
     session.wait_for(".left_freer");
     session.press(b"\x1b[D"); // the arrow to the left
     session.wait_for("diary/Write");
@@ -50,7 +50,7 @@ fn a_recording_is_walked_through_on_the_screen_and_the_terminal_is_given_back() 
     session.ends_well("Ctrl-C");
 
     let mut session = on_a_terminal(&["--plain"]);
-    session.press(b"t 16320 ms\n");
+    session.press(b"t 16490 ms\n");
     session.wait_for("[.near and .left_freer]");
     assert!(session.is_as_before());
 }

@@ -14,7 +14,6 @@ use self::found::{Found, report};
 use self::write::Target;
 use super::console::Console;
 use super::exit::CommandError;
-use super::file;
 use super::robot::RobotArgs;
 use super::run::read_recording;
 use crate::host_board::RobotMaker;
@@ -93,10 +92,7 @@ pub fn execute(
         .map(|path| Target::of(path))
         .collect::<Result<_, _>>()?;
     let (found, after) = match &args.file {
-        Some(path) => {
-            file::keep_sources(path, args.write.iter().map(PathBuf::as_path))?;
-            (Found::of(&read_recording(path)?)?, None)
-        }
+        Some(path) => (Found::of(&read_recording(path)?)?, None),
         None => driven(args, robot, console)?,
     };
     let mut written = Vec::new();

@@ -74,24 +74,36 @@ pub fn drive(
     // The drive has its own limit.
     robot.limit_waits(None);
     robot.stop_when(Some(Box::new(move || interrupt.is_requested())));
-    let mut recorder = Recorder::begin(&record, &mut robot, &info, Streams::NONE, &[])?;
-    recorder.keep_values(Duration::ZERO);
-    let listened = listen(&mut robot, &mut recorder, interrupt, console);
-    if listened.is_err() {
-        // It is to stand, whatever else is the matter.
-        robot::hold_out(&mut robot);
-        match robot.stop() {
-            Ok(()) => console.note("the robot was stopped"),
-            Err(error) => console.note(&format!(
-                "the robot could not be stopped ({error}): use its button, or switch it off"
-            )),
+    let begun = Recorder::begin(&record, &mut robot, &info, Streams::NONE, &[]);
+    let driven = begun.and_then(|mut recorder| {
+        recorder.keep_values(Duration::ZERO);
+        listen(&mut robot, &mut recorder, interrupt, console).map(|()| recorder)
+    });
+    robot::end_soon(&mut robot);
+    match driven {
+        Ok(recorder) => {
+            // Where it is recorded nobody will look.
+            let mut nowhere = Console::onto(io::sink(), io::sink());
+            recorder.finish(&mut robot, Ok(()), &mut nowhere)?;
+            read_recording(&record)
+        }
+        Err(error) => {
+            // It is to stand, whatever else is the matter.
+            robot::hold_out(&mut robot);
+            match robot.stop() {
+                Ok(()) => console.note("the robot was stopped"),
+                Err(error) => console.note(&format!(
+                    "the robot could not be stopped ({error}): use its button, or switch it off"
+                )),
+            }
+            if interrupt.is_requested() {
+                return Err(CommandError::World(anyhow!(
+                    "ended by Ctrl-C before the drive was over"
+                )));
+            }
+            Err(error)
         }
     }
-    listened?;
-    // Where it is recorded nobody will look.
-    let mut nowhere = Console::onto(io::sink(), io::sink());
-    recorder.finish(&mut robot, Ok(()), &mut nowhere)?;
-    read_recording(&record)
 }
 
 /// Listens until the mission has finished.
@@ -106,13 +118,10 @@ fn listen(
     let mut asked = began;
     let mut reader = Reader::default();
     loop {
-        let attended = robot.attend(LISTEN_TIME);
+        robot.attend(LISTEN_TIME)?;
         if interrupt.is_requested() {
-            return Err(CommandError::World(anyhow!(
-                "ended by Ctrl-C before the drive was over"
-            )));
+            return Err(CommandError::World(anyhow!("ended by Ctrl-C")));
         }
-        attended?;
         for event in robot.take_events() {
             recorder.take(robot, &event, console)?;
         }
