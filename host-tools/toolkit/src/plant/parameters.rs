@@ -93,6 +93,8 @@ pub struct SonarParameters {
     pub noise_part: f64,
     /// Probability that an echo is not heard.
     pub miss_probability: f64,
+    /// Temperature of the air, in °C, which says how fast sound is.
+    pub air_c: f64,
 }
 
 /// A row of sensors under the body's front: an infrared LED and a phototransistor each, with a
@@ -151,6 +153,7 @@ impl Default for BodyParameters {
                 noise_m: 0.002,
                 noise_part: 0.004,
                 miss_probability: 0.02,
+                air_c: 20.0,
             },
             floor: FloorParameters {
                 ahead_m: 0.09,

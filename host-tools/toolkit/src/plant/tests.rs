@@ -316,6 +316,41 @@ fn a_sonar_that_sees_nothing_says_so_and_a_broken_one_says_what_it_can() {
 }
 
 #[test]
+fn a_noisy_sonar_hears_something_else_in_one_ping_of_ten() {
+    let open = "world open\nstart 2,2 0\nwall 3,0 3,4";
+    let mut plant = plant(World::parse(open).unwrap());
+    plant.break_sonar(0, SonarFault::Noisy);
+    let pings = [(ANSWERED_US, ALL_SONARS); 2_000];
+    let (mut nearer, mut farther) = (0, 0);
+    for sensors in drive(&mut plant, &pings, ANSWERED_US) {
+        // The wall is 0.89 m away; an echo is missed now and then.
+        match sensors.echo_us[0] {
+            0..5_000 => nearer += 1,
+            5_400..30_000 => farther += 1,
+            _ => {}
+        }
+    }
+    // 0.87 m of the 3.98 m of its reach are nearer, 3.07 m are farther.
+    assert!((25..65).contains(&nearer), "{nearer}");
+    assert!((115..190).contains(&farther), "{farther}");
+}
+
+#[test]
+fn an_echo_takes_longer_in_cold_air() {
+    let echo_us = |air_c| {
+        let mut body = BodyParameters::default();
+        body.sonar.air_c = air_c;
+        let world = World::parse("world open\nstart 2,2 0\nwall 3,0 3,4").unwrap();
+        let mut plant = Plant::new(world, body, 1).unwrap();
+        let sensors = &drive(&mut plant, &[(ANSWERED_US, ALL_SONARS)], ANSWERED_US)[0];
+        f64::from(sensors.echo_us[0])
+    };
+    // The root of 293.15 by 273.15.
+    let longer = echo_us(0.0) / echo_us(20.0);
+    assert!((longer - 1.036).abs() < 1e-3, "{longer}");
+}
+
+#[test]
 fn the_battery_sags_under_load_and_empties() {
     let mut plant = plant(cell());
     let rest = plant.sensors().adc_counts[BATTERY_CHANNEL];
