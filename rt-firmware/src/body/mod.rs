@@ -24,6 +24,7 @@ pub use exchange::{
 };
 pub use pins::{
     ADC_FULL_SCALE, ANALOG_CHANNELS, ARRAY_BANKS, AUX_OUTPUTS, Actuators, AnalogChannel, AuxOutput,
-    BATTERY_CHANNEL, DEADMAN_US, DirectionPin, EchoCapture, EncoderCount, FULL_DUTY, LINE_CHANNEL,
-    LINE_SENSORS, MotorPwm, Parts, PinImage, SONARS, Sensors, StopPin, TriggerPin,
+    BATTERY_CHANNEL, BUMPERS, DEADMAN_US, DirectionPin, EchoCapture, EncoderCount, FULL_DUTY,
+    InPin, LINE_CHANNEL, LINE_SENSORS, MotorPwm, Parts, PinImage, SONARS, Sensors, StopPin,
+    TriggerPin,
 };

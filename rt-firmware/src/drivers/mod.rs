@@ -5,6 +5,7 @@
 //! nothing of tasks or nets.
 
 mod battery;
+mod bumper;
 mod encoder;
 mod hal;
 mod line;
@@ -13,9 +14,10 @@ mod sonar;
 mod stop_button;
 
 pub use battery::BatteryGauge;
+pub use bumper::{Bumper, FREE_AFTER_US};
 pub use encoder::WheelEncoder;
 pub use hal::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
 pub use line::{LINE_SENSORS, LineArray};
 pub use motor::{DcMotor, MotorError};
-pub use sonar::{Answer, LONGEST_ECHO_US, Sonar, answer_to};
+pub use sonar::{Answer, LONGEST_ECHO_US, Sonar, Sound, answer_to};
 pub use stop_button::{STOP_DEBOUNCE_US, StopButton};

@@ -7,6 +7,7 @@
 //! | [`WheelSpeed`] | makes the wheels follow a twist | motors |
 //! | [`DriveOpenLoop`] | drives the motors where there are no encoders, in place of `WheelSpeed` | motors |
 //! | [`BatteryMonitor`] | watches the battery | battery input |
+//! | [`Bumpers`] | tells what the robot touches, and passes the ranges on with it | contact switches |
 //! | [`ProximityMonitor`] | watches whether something comes too close | |
 //! | [`Cruise`] | drives ahead, towards free space | |
 //! | [`Back`] | backs up | |
@@ -44,6 +45,7 @@
 mod back;
 mod battery_guard;
 mod battery_monitor;
+mod bumpers;
 mod count;
 mod cruise;
 mod drive_distance;
@@ -72,6 +74,7 @@ mod wheel_speed;
 pub use back::Back;
 pub use battery_guard::BatteryGuard;
 pub use battery_monitor::BatteryMonitor;
+pub use bumpers::Bumpers;
 pub use count::Count;
 pub use cruise::Cruise;
 pub use drive_distance::DriveDistance;
@@ -95,7 +98,7 @@ pub use steer::Steer;
 pub use stop::Stop;
 pub use turn::Turn;
 pub use values::{
-    ARRAY_SONARS, ArrayRanges, Battery, Bearing, Chassis, Line, MAX_SONARS, Pose, Ranges, Reading,
-    Sector, Twist, WheelControl, WheelSpeeds,
+    ARRAY_SONARS, ArrayRanges, Battery, Bearing, Chassis, Contact, Line, MAX_SONARS, Pose, Ranges,
+    Reading, Sector, Twist, WheelControl, WheelSpeeds,
 };
 pub use wheel_speed::WheelSpeed;

@@ -1,7 +1,8 @@
 //! The plant: a simulated robot's body in a [`World`], seen through its pins.
 //!
 //! Differential drive with lagging, unequal motors and slipping wheels, encoders, a ring of sonars,
-//! a sagging battery, walls and people that stop the body, sensors that tell a dark line from a
+//! a sagging battery, walls and people that stop the body, bumpers on the left and on the right of
+//! its front, sensors that tell a dark line from a
 //! light floor.
 //! Emulated board and host board drive this same model, by the messages of `rt_firmware::body`.
 //!
@@ -14,7 +15,7 @@
 //! | ADC input | reads |
 //! |---|---|
 //! | 0 | the battery through its divider |
-//! | 1 | a bumper: full scale while the body touches a wall or a person, else 0 |
+//! | 1 | a contact all around: full scale while the body touches a wall or a person, else 0 |
 //! | 2 | the current that the battery gives, full scale at 4 A |
 //! | 3 | auxiliary output 0 looped back: full scale while it is high, else 0 |
 //! | 4, 5, 6 | the floor's darkness under the left, middle and right line sensor |
@@ -127,7 +128,8 @@ impl Plant {
             heading_rad: world.start.heading_deg * core::f64::consts::PI / 180.0,
         };
         let obstacles = Obstacles::new(&world);
-        let distance_m = obstacles.distance_to_walls_m(pose.position);
+        let walls_m = obstacles.distance_to_walls_m(pose.position);
+        let distance_m = walls_m.min(obstacles.distance_to_low_m(pose.position));
         if distance_m < body.radius_m {
             return Err(PlantError::StartInWall {
                 world: world.name,
@@ -221,6 +223,7 @@ impl Plant {
             echo_high,
             adc_counts: self.adc_counts(),
             stop_is_low: false,
+            bumper_is_low: self.drive.bumpers_pushed(),
         }
     }
 

@@ -351,6 +351,52 @@ fn an_echo_takes_longer_in_cold_air() {
 }
 
 #[test]
+fn bumpers_are_pushed_on_the_side_where_something_is() {
+    // A wall, or something low, 0.1 m before the body, at an angle to where it looks.
+    for (heading_deg, expected) in [
+        (0, [true, true]),
+        (10, [true, true]),
+        (-45, [true, false]),
+        (45, [false, true]),
+        (-85, [true, false]),
+        (95, [false, false]),
+        (180, [false, false]),
+    ] {
+        for kind in ["wall", "low"] {
+            let world = format!(
+                "world cell\nstart 1,1 {heading_deg}\nwall 0,0 0,2\n{kind} 1.122,0 1.122,2"
+            );
+            let plant = plant(World::parse(&world).unwrap());
+            assert_eq!(
+                plant.sensors().bumper_is_low,
+                expected,
+                "{kind} at {heading_deg}"
+            );
+        }
+        let world =
+            format!("world cell\nstart 1,1 {heading_deg}\nwall 0,0 0,2\nwall 1.124,0 1.124,2");
+        let plant = plant(World::parse(&world).unwrap());
+        assert_eq!(plant.sensors().bumper_is_low, [false; 2], "{heading_deg}");
+    }
+}
+
+#[test]
+fn what_is_low_stops_the_body_and_is_not_heard() {
+    let world = World::parse("world step\nstart 1,1 0\nwall 3,0 3,2\nlow 1.5,0 1.5,2").unwrap();
+    let mut plant = plant(world);
+    let echo_us = drive(&mut plant, &[(ANSWERED_US, ALL_SONARS)], 5_000)[0].echo_us[0];
+    // The wall is 1.89 m before the sonar.
+    assert!((10_800..11_200).contains(&echo_us), "{echo_us}");
+    drive(&mut plant, &[(3_000_000, duties(400, 400))], 5_000);
+    assert_eq!(plant.collisions(), 1);
+    let touch = plant.statistics().touches()[0];
+    assert_eq!((touch.touched, touch.avoidable), (Touched::Low, false));
+    let x_m = plant.pose().position.x_m;
+    assert!((1.375..1.381).contains(&x_m), "{x_m}");
+    assert_eq!(plant.sensors().bumper_is_low, [true; 2]);
+}
+
+#[test]
 fn the_battery_sags_under_load_and_empties() {
     let mut plant = plant(cell());
     let rest = plant.sensors().adc_counts[BATTERY_CHANNEL];
