@@ -44,7 +44,9 @@ use crate::features::MISSIONS;
 macro_rules! registry {
     (
         $(#[$meta:meta])*
-        $visibility:vis struct $robot:ident $([$($generics:tt)*] <$($argument:tt),+ $(,)?>)? $(marks $mark:ident)? {
+        $visibility:vis struct $robot:ident
+        $([$($generics:tt)*] <$($argument:tt),+ $(,)?>)?
+        $(marks $mark:ident)? {
             $($(#[$bank_meta:meta])* $bank:ident : $task:ty [$count:expr] $(if $feature:literal)?),+ $(,)?
         }
     ) => {

@@ -44,14 +44,14 @@ fn bump_backs_off_from_what_its_sonars_do_not_see_and_goes_on_elsewhere() {
         }
         let way_m = plant.distance_m();
         println!("seed {seed}: {} touches on {way_m:.1} m", touches.len());
-        assert!(way_m > 12.0, "seed {seed}: {way_m} m");
+        assert!(way_m > 10.0, "seed {seed}: {way_m} m");
     }
 }
 
 /// A robot that is to drive on for ever, and 1 m before it something low.
 ///
-/// Its behaviours take the ranges that its bumpers have felt, or those of its sonars alone. It stays
-/// where it comes to, or backs off after a time.
+/// Its behaviours take the ranges that its bumpers have felt, or those of its sonars alone. It
+/// stays where it comes to, or backs off after a time.
 fn pushes(feels: bool, backs_off: bool) -> Plant {
     let behaviours = "Go.ranges, Back.ranges, Run.ranges";
     let paths = match feels {
@@ -66,7 +66,7 @@ fn pushes(feels: bool, backs_off: bool) -> Plant {
         r#"use "{rover}";
         interpreter slot 1;
         slot 1 period 20 ms duration 2 ms;
-        slot 2 period 20 ms duration 4 ms;
+        slot 2 period 10 ms duration 4 ms;
         slot 3 period 40 ms duration 2 ms;
         machine Push {{
             region sonars {{ task Listen: SonarRing; initial -> Listen; }}

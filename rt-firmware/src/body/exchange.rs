@@ -14,6 +14,7 @@
 //! | left, right duty (signed) | 2 + 2 | | echo pins that are high still | 1 |
 //! | sonar trigger bits | 1 | | ADC counts | 7 × 2 |
 //! | auxiliary outputs (bits 0 to 3), triggers of the array's banks (4 to 6) | 1 | | | |
+//! | | | | counts of the gyroscope (signed) | 2 |
 //! | | | | inputs that are low: bit 0 the emergency stop's, 1 and 2 the left and the right bumper's | 1 |
 //!
 //! The time of an echo pin counts from the last trigger on: 0 until it goes high, growing while it
@@ -28,7 +29,7 @@ use super::pins::{ARRAY_BANKS, AUX_OUTPUTS, Actuators, BUMPERS, DEADMAN_US, PinI
 pub const REQUEST_BYTES: usize = 26;
 
 /// Size of an encoded [`Reply`] in bytes.
-pub const REPLY_BYTES: usize = 40;
+pub const REPLY_BYTES: usize = 42;
 
 /// The auxiliary outputs, in the byte that they share with the array's triggers.
 const AUX_MASK: u8 = (1 << AUX_OUTPUTS) - 1;
@@ -123,6 +124,7 @@ impl Reply {
             adc_counts,
             stop_is_low,
             bumper_is_low,
+            yaw_counts,
         } = self.sensors;
         let bits = [STOP_IS_LOW, BUMPER_IS_LOW[0], BUMPER_IS_LOW[1]].into_iter();
         let inputs = [stop_is_low, bumper_is_low[0], bumper_is_low[1]];
@@ -135,6 +137,7 @@ impl Reply {
                 .chain(echo_us.into_iter().flat_map(u16::to_le_bytes))
                 .chain([echo_high])
                 .chain(adc_counts.into_iter().flat_map(u16::to_le_bytes))
+                .chain(yaw_counts.to_le_bytes())
                 .chain([low_inputs]),
         )
     }
@@ -151,6 +154,7 @@ impl Reply {
                 echo_us: array::from_fn(|_| u16::from_le_bytes(fields.take())),
                 echo_high: u8::from_le_bytes(fields.take()),
                 adc_counts: array::from_fn(|_| u16::from_le_bytes(fields.take())),
+                yaw_counts: i16::from_le_bytes(fields.take()),
                 ..Sensors::default()
             },
         };

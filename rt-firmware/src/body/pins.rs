@@ -11,6 +11,8 @@ use core::sync::atomic::{AtomicBool, AtomicU16, Ordering::Relaxed};
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 
+#[cfg(feature = "imu")]
+use super::imu::ImuBus;
 pub use crate::drivers::LINE_SENSORS;
 use crate::drivers::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
 
@@ -87,6 +89,8 @@ pub struct Sensors {
     /// Whether the switch of each bumper pulls its input low, left and right: something pushes the
     /// bumper. Otherwise a resistor holds it high.
     pub bumper_is_low: [bool; BUMPERS],
+    /// How fast the gyroscope is turned counter-clockwise, in counts of 1/131.2 °/s, with its bias.
+    pub yaw_counts: i16,
 }
 
 /// The pins of one motor driver.
@@ -150,6 +154,8 @@ pub struct PinImage {
     stop_is_low: AtomicBool,
     #[cfg(feature = "bumpers")]
     bumper_is_low: [AtomicBool; BUMPERS],
+    #[cfg(feature = "imu")]
+    yaw_counts: AtomicU16,
 }
 
 impl Default for PinImage {
@@ -177,6 +183,8 @@ impl PinImage {
             stop_is_low: AtomicBool::new(false),
             #[cfg(feature = "bumpers")]
             bumper_is_low: [const { AtomicBool::new(false) }; BUMPERS],
+            #[cfg(feature = "imu")]
+            yaw_counts: AtomicU16::new(0),
         }
     }
 
@@ -213,6 +221,8 @@ impl PinImage {
             aux_outputs: self.aux_outputs.each_ref().map(|level| AuxOutput { level }),
             #[cfg(feature = "bumpers")]
             bumpers: self.bumper_is_low.each_ref().map(|is_low| InPin { is_low }),
+            #[cfg(feature = "imu")]
+            imu: ImuBus::new(&self.yaw_counts),
         }
     }
 
@@ -280,6 +290,8 @@ impl PinImage {
         for (pin, is_low) in self.bumper_is_low.iter().zip(sensors.bumper_is_low) {
             pin.store(is_low, Relaxed);
         }
+        #[cfg(feature = "imu")]
+        (self.yaw_counts).store(sensors.yaw_counts.cast_unsigned(), Relaxed);
     }
 
     /// The values on the inputs now.
@@ -298,6 +310,10 @@ impl PinImage {
             bumper_is_low: (self.bumper_is_low.each_ref()).map(|is_low| is_low.load(Relaxed)),
             #[cfg(not(feature = "bumpers"))]
             bumper_is_low: [false; BUMPERS],
+            #[cfg(feature = "imu")]
+            yaw_counts: self.yaw_counts.load(Relaxed).cast_signed(),
+            #[cfg(not(feature = "imu"))]
+            yaw_counts: 0,
         }
     }
 }
@@ -357,6 +373,9 @@ pub struct Parts<'a> {
     /// Inputs of the bumpers' switches, left and right.
     #[cfg(feature = "bumpers")]
     pub bumpers: [InPin<'a>; BUMPERS],
+    /// The bus of the inertial measurement unit.
+    #[cfg(feature = "imu")]
+    pub imu: ImuBus<'a>,
 }
 
 /// PWM output of one motor.
@@ -528,6 +547,7 @@ pub(super) fn distinct_sensors() -> Sensors {
         adc_counts: array::from_fn(|i| 2_000 + i as u16),
         stop_is_low: true,
         bumper_is_low: [false, true],
+        yaw_counts: -300,
     }
 }
 

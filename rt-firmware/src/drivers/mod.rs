@@ -7,6 +7,8 @@
 mod battery;
 mod bumper;
 mod encoder;
+#[cfg(feature = "imu")]
+mod gyro;
 mod hal;
 mod line;
 mod motor;
@@ -16,6 +18,8 @@ mod stop_button;
 pub use battery::BatteryGauge;
 pub use bumper::{Bumper, FREE_AFTER_US};
 pub use encoder::WheelEncoder;
+#[cfg(feature = "imu")]
+pub use gyro::{GyroError, RAD_PER_S_PER_COUNT, WAKES_IN_US, YawGyro};
 pub use hal::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
 pub use line::{LINE_SENSORS, LineArray};
 pub use motor::{DcMotor, MotorError};

@@ -4,6 +4,7 @@ use core::convert::Infallible;
 use core::fmt::Debug;
 
 use embedded_hal::digital::{self, InputPin};
+use embedded_hal::i2c::{self, I2c, Operation};
 
 use crate::body::BUMPERS;
 
@@ -12,6 +13,9 @@ use crate::body::BUMPERS;
 pub trait Extras {
     /// Input of a bumper's switch, low while something pushes the bumper.
     type Bumper: InputPin + Send + Debug;
+
+    /// Bus of the inertial measurement unit.
+    type ImuBus: I2c + Send + Debug;
 }
 
 /// Nothing beside what every rover has.
@@ -20,6 +24,7 @@ pub enum NoExtras {}
 
 impl Extras for NoExtras {
     type Bumper = NoPin;
+    type ImuBus = NoBus;
 }
 
 /// A pin that is not there.
@@ -40,15 +45,34 @@ impl InputPin for NoPin {
     }
 }
 
+/// A bus that is not there.
+#[derive(Clone, Copy, Debug)]
+pub enum NoBus {}
+
+impl i2c::ErrorType for NoBus {
+    type Error = Infallible;
+}
+
+impl I2c for NoBus {
+    fn transaction(&mut self, _: u8, _: &mut [Operation<'_>]) -> Result<(), Infallible> {
+        match *self {}
+    }
+}
+
 /// Parts that not every robot has, each if it is there. A firmware without the feature of one has
 /// no task for it.
 #[derive(Debug)]
 pub struct ExtraParts<X: Extras> {
     /// Inputs of the bumpers' switches, left and right (feature `bumpers`).
     pub bumpers: Option<[X::Bumper; BUMPERS]>,
+    /// Bus of the inertial measurement unit (feature `imu`).
+    pub imu: Option<X::ImuBus>,
 }
 
 impl ExtraParts<NoExtras> {
     /// None of them is there.
-    pub const NONE: Self = Self { bumpers: None };
+    pub const NONE: Self = Self {
+        bumpers: None,
+        imu: None,
+    };
 }

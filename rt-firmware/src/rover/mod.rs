@@ -33,6 +33,8 @@ use embedded_hal::pwm::SetDutyCycle;
 use crate::behaviours::{AlongWall, Approach, FollowCorridor, FollowObject, PassDoor, Wander};
 #[cfg(feature = "behaviours")]
 use crate::behaviours::{Behaviours, GoTo, Move, TurnTo};
+#[cfg(feature = "imu")]
+use crate::body::ImuBus;
 use crate::body::{
     ARRAY_BANKS, AUX_OUTPUTS, AnalogChannel, AuxOutput, DirectionPin, EchoCapture, EncoderCount,
     InPin, LINE_SENSORS, MotorPwm, Parts, SONARS, TriggerPin,
@@ -44,6 +46,8 @@ use crate::ports::TaskPool;
 use crate::registry;
 #[cfg(feature = "bumpers")]
 use crate::tasks::Bumpers;
+#[cfg(feature = "imu")]
+use crate::tasks::Gyro;
 use crate::tasks::{
     Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowWall, LineSensor,
     LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SonarRing, Stop, Turn,
@@ -54,7 +58,7 @@ use crate::tasks::{Count, DriveDistance, FollowLine, LineMonitor, SlotMonitor};
 #[cfg(feature = "sonar-array")]
 use crate::tasks::{SectorMonitor, SonarArray, Steer};
 
-pub use extras::{ExtraParts, Extras, NoExtras, NoPin};
+pub use extras::{ExtraParts, Extras, NoBus, NoExtras, NoPin};
 
 /// What a robot with the rover's parts measures.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -172,6 +176,10 @@ pub struct PinExtras<'a>(PhantomData<&'a ()>);
 
 impl<'a> Extras for PinExtras<'a> {
     type Bumper = InPin<'a>;
+    #[cfg(feature = "imu")]
+    type ImuBus = ImuBus<'a>;
+    #[cfg(not(feature = "imu"))]
+    type ImuBus = NoBus;
 }
 
 /// The [`Rover`] on a [`PinImage`](crate::body::PinImage).
@@ -225,6 +233,10 @@ pub fn split_pins(parts: Parts<'_>) -> (PinRoverParts<'_>, SparePins<'_>) {
             bumpers: Some(parts.bumpers),
             #[cfg(not(feature = "bumpers"))]
             bumpers: None,
+            #[cfg(feature = "imu")]
+            imu: Some(parts.imu),
+            #[cfg(not(feature = "imu"))]
+            imu: None,
         },
     };
     let spare = SparePins {
@@ -272,6 +284,9 @@ pub struct HardwareTasks<
     /// The bumpers.
     #[cfg(feature = "bumpers")]
     pub bumpers: Bumpers<X::Bumper>,
+    /// The gyroscope.
+    #[cfg(feature = "imu")]
+    pub gyro: Gyro<X::ImuBus>,
     /// What it has beside the others.
     pub extras: PhantomData<fn() -> X>,
 }
@@ -322,6 +337,8 @@ where
             )),
             #[cfg(feature = "bumpers")]
             bumpers: Bumpers::new(self.extras.bumpers),
+            #[cfg(feature = "imu")]
+            gyro: Gyro::new(self.extras.imu),
             extras: PhantomData,
         }
     }
@@ -358,6 +375,7 @@ registry! {
         sector_monitor: SectorMonitor[1] if "sonar-array",
         steer: Steer[4] if "sonar-array",
         bumpers: Bumpers<X::Bumper>[1] if "bumpers",
+        gyro: Gyro<X::ImuBus>[1] if "imu",
         behaviours: Behaviours[1] if "behaviours",
         move_on: Move[4] if "behaviours",
         turn_to: TurnTo[4] if "behaviours",
@@ -430,6 +448,8 @@ where
             steer: TaskPool::new(array::from_fn(|_| Steer)),
             #[cfg(feature = "bumpers")]
             bumpers: TaskPool::new([hardware.bumpers]),
+            #[cfg(feature = "imu")]
+            gyro: TaskPool::new([hardware.gyro]),
             #[cfg(feature = "behaviours")]
             behaviours: TaskPool::new([Behaviours::default()]),
             #[cfg(feature = "behaviours")]

@@ -7,6 +7,7 @@
 //! | [`WheelSpeed`] | makes the wheels follow a twist | motors |
 //! | [`DriveOpenLoop`] | drives the motors where there are no encoders, in place of `WheelSpeed` | motors |
 //! | [`BatteryMonitor`] | watches the battery | battery input |
+//! | `Gyro` (feature `imu`) | measures how fast the robot turns | gyroscope |
 //! | [`Bumpers`] | tells what the robot touches, and passes the ranges on with it | contact switches |
 //! | [`ProximityMonitor`] | watches whether something comes too close | |
 //! | [`Cruise`] | drives ahead, towards free space | |
@@ -52,6 +53,8 @@ mod drive_distance;
 mod drive_open_loop;
 mod follow_line;
 mod follow_wall;
+#[cfg(feature = "imu")]
+mod gyro;
 mod laws;
 mod line_monitor;
 mod line_sensor;
@@ -81,6 +84,8 @@ pub use drive_distance::DriveDistance;
 pub use drive_open_loop::DriveOpenLoop;
 pub use follow_line::FollowLine;
 pub use follow_wall::FollowWall;
+#[cfg(feature = "imu")]
+pub use gyro::Gyro;
 pub use laws::{Approach, OnTrack, RIM_M, Track, WallSight};
 pub use line_monitor::LineMonitor;
 pub use line_sensor::LineSensor;
@@ -99,6 +104,6 @@ pub use stop::Stop;
 pub use turn::Turn;
 pub use values::{
     ARRAY_SONARS, ArrayRanges, Battery, Bearing, Chassis, Contact, Line, MAX_SONARS, Pose, Ranges,
-    Reading, Sector, Twist, WheelControl, WheelSpeeds,
+    Reading, Sector, Twist, WheelControl, WheelSpeeds, YawRate,
 };
 pub use wheel_speed::WheelSpeed;

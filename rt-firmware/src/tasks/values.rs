@@ -423,6 +423,25 @@ impl PortType for ArrayRanges {
     fields! { range_mm: [u16; 24] }
 }
 
+/// How fast the robot turns, as a gyroscope measures it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct YawRate {
+    /// Counter-clockwise, in radians per second.
+    pub yaw_rate_rad_per_s: f32,
+    /// Counts the measurements; wraps. Where it stays, nobody measures any more.
+    pub count: u8,
+}
+
+impl PortType for YawRate {
+    const NAME: &'static str = "YawRate";
+    const INIT: Self = Self {
+        yaw_rate_rad_per_s: 0.0,
+        count: 0,
+    };
+
+    fields! { yaw_rate_rad_per_s: f32, count: u8 }
+}
+
 /// What the robot touches with its bumpers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Contact {

@@ -226,8 +226,8 @@ impl Drive {
         true
     }
 
-    /// Which bumpers are pushed, left and right: those on whose side of the front something is nearer
-    /// to the body than they stand before it.
+    /// Which bumpers are pushed, left and right: those on whose side of the front something is
+    /// nearer to the body than they stand before it.
     pub fn bumpers_pushed(&self) -> [bool; 2] {
         let reach_m = self.body.radius_m + BUMPER_M;
         if self.clearance_m > reach_m {

@@ -36,6 +36,10 @@ pub enum Source {
         /// The sensor.
         sensor: u8,
     },
+    /// The bias with which the gyroscope was switched on.
+    GyroBias,
+    /// Noise of the gyroscope.
+    Gyro,
     /// Which sonar dies, and when.
     DeadSonar,
     /// By how much earlier or later a person steps in.
@@ -57,6 +61,8 @@ impl Source {
             Self::RightSlip => 2,
             Self::Battery => 3,
             Self::DeadSonar => 4,
+            Self::GyroBias => 5,
+            Self::Gyro => 6,
             Self::Range { sonar } => 0x100 + u64::from(sonar),
             Self::Miss { sonar } => 0x200 + u64::from(sonar),
             Self::Floor { sensor } => 0x300 + u64::from(sensor),

@@ -87,7 +87,8 @@ impl Obstacles {
         people.fold(walls, |a, b| if b.1 < a.1 { b } else { a }).0
     }
 
-    /// The first wall or person, of those that sonars hear, that the ray from `origin` along the unit vector `direction` meets.
+    /// The first wall or person, of those that sonars hear, that the ray from `origin` along the
+    /// unit vector `direction` meets.
     pub fn hit_by_ray(&self, origin: Point, direction: Point) -> Option<Hit> {
         let walls = self.walls.iter();
         let walls = walls.filter_map(|wall| wall.hit_by_ray(origin, direction));

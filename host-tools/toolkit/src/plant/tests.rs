@@ -397,6 +397,35 @@ fn what_is_low_stops_the_body_and_is_not_heard() {
 }
 
 #[test]
+fn the_gyroscope_has_bias_noise_and_a_scale_error() {
+    let mut mean_bias = Vec::new();
+    for seed in 1..=20 {
+        let mut plant = Plant::new(cell(), BodyParameters::default(), seed).unwrap();
+        let mean = |sensors: &[Sensors]| {
+            let sum: f64 = sensors.iter().map(|it| f64::from(it.yaw_counts)).sum();
+            sum / sensors.len() as f64 / 131.2
+        };
+        let still = [(10_000, duties(0, 0)); 200];
+        let standing = drive(&mut plant, &still, 10_000);
+        let bias = mean(&standing);
+        assert!(bias.abs() < 3.1, "seed {seed}: {bias}");
+        let squares = standing
+            .iter()
+            .map(|it| f64::from(it.yaw_counts) / 131.2 - bias);
+        let variance = squares.map(|off| off * off).sum::<f64>() / standing.len() as f64;
+        assert!((0.05..0.09).contains(&libm::sqrt(variance)), "seed {seed}");
+        mean_bias.push(bias);
+        drive(&mut plant, &[(1_000_000, duties(-300, 300))], 10_000);
+        let before_rad = plant.pose().heading_rad;
+        let turning = drive(&mut plant, &[(10_000, duties(-300, 300)); 100], 10_000);
+        let turned_deg = (plant.pose().heading_rad - before_rad) * 180.0 / core::f64::consts::PI;
+        let scale = (mean(&turning) - bias) / turned_deg;
+        assert!((scale - 1.01).abs() < 0.002, "seed {seed}: {scale}");
+    }
+    assert!(mean_bias.iter().any(|bias| *bias > 1.0) && mean_bias.iter().any(|bias| *bias < -1.0));
+}
+
+#[test]
 fn the_battery_sags_under_load_and_empties() {
     let mut plant = plant(cell());
     let rest = plant.sensors().adc_counts[BATTERY_CHANNEL];

@@ -1,11 +1,11 @@
 //! Touches, and the oracle: whether a robot that obeys its stop distance could have avoided them.
 //!
 //! A wall is always there: who touches one could have avoided it. What is low no sonar hears: a
-//! robot finds it by touching it, and no touch of it could have been avoided. A person steps in at a time. What
-//! counts is how the robot moved then. Its *needed way* is what it drives on while it reacts, and
-//! then until its brakes have stopped it, by the numbers of `SafetyCheck`. Its *free way* is what
-//! is free along its movement, up to that person. Where the free way is no longer than the needed
-//! way, no brakes help.
+//! robot finds it by touching it, and no touch of it could have been avoided. A person steps in at
+//! a time. What counts is how the robot moved then. Its *needed way* is what it drives on while it
+//! reacts, and then until its brakes have stopped it, by the numbers of `SafetyCheck`. Its *free
+//! way* is what is free along its movement, up to that person. Where the free way is no longer than
+//! the needed way, no brakes help.
 //!
 //! That excuse ends when the robot has stood still for as long as it takes to react, for brakes may
 //! swing through a standstill, or has driven more than the needed way: from

@@ -30,7 +30,8 @@ pub use geometry::{Circle, Hit, Point, Segment, is_inside};
 /// any loss of precision.
 pub const COORDINATE_LIMIT_M: f64 = 1_000.0;
 
-/// The most wall segments of a world, low ones among them: each ray of each ping looks at all of them.
+/// The most wall segments of a world, low ones among them: each ray of each ping looks at all
+/// others.
 pub const WALL_LIMIT: usize = 4_096;
 
 /// The most pieces of lines of a world: each reading of each sensor looks at all of them.
