@@ -12,8 +12,8 @@ use crate::task::{Step, Task};
 /// it may swing a little when it stops.
 const STANDS_AFTER_US: u32 = 300_000;
 
-/// Readings of a robot that stands until its bias is known: half a second, in a slot of 10 ms. Their
-/// mean is within 0.01 °/s then, of which 0.6° are made in a minute.
+/// Readings of a robot that stands until its bias is known: half a second, in a slot of 10 ms.
+/// Their mean is within 0.01 °/s then, of which 0.6° are made in a minute.
 const READINGS_OF_BIAS: u16 = 50;
 
 /// The bias is the mean of so many readings at most; later ones count as one of so many, so that it
