@@ -110,8 +110,10 @@ fn a_gyroscope_with_the_right_scale_knows_the_heading_where_the_wheels_do_not() 
         ("wheels, base 2 % wrong", &wheels, 0.206, 7.0, 8.5),
         ("calibrated, base 2 % wrong", &calibrated, 0.206, 0.0, 0.7),
     ] {
-        let mut body = BodyParameters::default();
-        body.wheel_base_m = true_base_m;
+        let body = BodyParameters {
+            wheel_base_m: true_base_m,
+            ..BodyParameters::default()
+        };
         let mut errors_deg = Vec::new();
         for seed in 1..=10 {
             for text in [text.clone(), text.replace(" / set .left", "")] {
