@@ -36,17 +36,26 @@ use crate::features::MISSIONS;
 /// `blink: Blink[2] if "lamps"`.
 ///
 /// Generics stand in brackets, as in [`task!`](crate::task!):
-/// `pub struct Rover[M: SetDutyCycle]<M> { drive: Drive<M>[1] }`.
+/// `pub struct Rover[M: SetDutyCycle]<M> { drive: Drive<M>[1] }`. A type that only banks with a
+/// feature need is said to be one of the robot's all the same: `pub struct Rover[L]<L> marks L { …
+/// }` has a field `marks`, a [`PhantomData`](core::marker::PhantomData) of a function that returns
+/// it.
 #[macro_export]
 macro_rules! registry {
     (
         $(#[$meta:meta])*
-        $visibility:vis struct $robot:ident $([$($generics:tt)*] <$($argument:tt),+ $(,)?>)? {
+        $visibility:vis struct $robot:ident
+        $([$($generics:tt)*] <$($argument:tt),+ $(,)?>)?
+        $(marks $mark:ident)? {
             $($(#[$bank_meta:meta])* $bank:ident : $task:ty [$count:expr] $(if $feature:literal)?),+ $(,)?
         }
     ) => {
         $(#[$meta])*
         $visibility struct $robot $(<$($generics)*>)? {
+            $(
+                /// A type that only some of its banks need.
+                pub marks: ::core::marker::PhantomData<fn() -> $mark>,
+            )?
             $(
                 $(#[$bank_meta])*
                 $(#[cfg(feature = $feature)])?

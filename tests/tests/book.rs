@@ -282,7 +282,9 @@ fn fields_in_the_chapter(chapter: &str, type_name: &str) -> String {
 fn the_chapter_on_types_has_the_fields_of_the_code() {
     use rt_firmware::PortType;
     use rt_firmware::behaviours::BehaviourList;
-    use rt_firmware::tasks::{ArrayRanges, Battery, Line, Pose, Ranges, Twist, WheelSpeeds};
+    use rt_firmware::tasks::{
+        ArrayRanges, Battery, Contact, Line, Pose, Ranges, Twist, WheelSpeeds, YawRate,
+    };
 
     let chapter = read("docs/src/types.md");
     let types = [
@@ -294,6 +296,8 @@ fn the_chapter_on_types_has_the_fields_of_the_code() {
         (BehaviourList::NAME, BehaviourList::FIELDS),
         (Battery::NAME, Battery::FIELDS),
         (Line::NAME, Line::FIELDS),
+        (Contact::NAME, Contact::FIELDS),
+        (YawRate::NAME, YawRate::FIELDS),
     ];
     for (name, fields) in types {
         assert_eq!(fields_in_the_chapter(&chapter, name), fields, "{name}");

@@ -58,7 +58,7 @@ STILL_NS = 2_500_000
 BYTE_NS = 10e9 / 115_200
 
 REQUEST = struct.Struct("<IQQhhBB")
-REPLY = struct.Struct("<IHH8HB7HB")
+REPLY = struct.Struct("<IHH8HB7HhB")
 PULSES = struct.Struct("<16H")
 FLASH_REQUEST = struct.Struct("<BII")
 
@@ -291,7 +291,7 @@ class Body:
         reply = REPLY.unpack(self.plant.ask(request, REPLY.size))
         self.sequence = (self.sequence + 1) % (1 << 32)
         left, right = reply[1:3]
-        analog, low = reply[12:19], reply[19]
+        analog, low = reply[12:19], reply[20]
         for place, channel in self.wiring.analog.items():
             self.chip.adc.channel_values[channel] = analog[place]
         pressed = bool(low & 1)

@@ -10,7 +10,7 @@ use rp2040_hal::gpio::{
 };
 use rp2040_hal::pac::{ADC, PIO0, PIO1, PWM, RESETS, UART0};
 use rp2040_hal::pio::{SM0, SM1};
-use rt_firmware::rover::{Rover, RoverParts};
+use rt_firmware::rover::{ExtraParts, NoExtras, Rover, RoverParts};
 
 use crate::analog::{self, Input};
 use crate::encoders::{self, Counter};
@@ -46,6 +46,7 @@ pub type BoardRover<const SONARS: usize> = Rover<
     Echo,
     Input,
     SONARS,
+    NoExtras,
 >;
 
 /// The input of the emergency stop's button: low while it is pressed. One that is not connected is
@@ -119,6 +120,7 @@ impl Blocks {
                 array: None,
                 battery: Input::new(Some(wiring.battery), &mut free),
                 line_sensors: wiring.floor.map(|pin| Input::new(pin, &mut free)),
+                extras: ExtraParts::NONE,
             },
             stop_button: StopPin::new(wiring.stop_button, &mut free),
             uart: Uart0::new(self.uart0, peripheral_hz, resets),

@@ -14,7 +14,7 @@ pub mod lamp;
 use esm::rt_firmware::body::{
     AnalogChannel, AuxOutput, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, TriggerPin,
 };
-use esm::rt_firmware::rover::{Measures, RoverParts};
+use esm::rt_firmware::rover::{ExtraParts, Measures, RoverParts};
 use esm::rt_firmware::tasks::{BatteryMonitor, Cruise, Odometry, SonarRing, Turn, WheelSpeed};
 use esm::rt_firmware::{TaskPool, registry};
 
@@ -56,6 +56,7 @@ impl<'a> MyRobot<'a> {
             array: None,
             battery,
             line_sensors: [left, middle, right],
+            extras: ExtraParts::NONE,
         }
         .into_tasks(&MEASURES);
         Self {

@@ -135,9 +135,10 @@ pub struct RunArgs {
     #[arg(long, value_name = "TIME", conflicts_with = "freeze_plant_at")]
     pub estop: Option<Time>,
 
-    /// Breaks a sonar at that robot time: `dead` (it does not answer), `deaf` (it hears nothing) or
-    /// `blind` (it sees something at its nose, always). Sonar 0 looks ahead, the others follow to
-    /// the left, 45° each. May be given several times
+    /// Breaks a sonar at that robot time: `dead` (it does not answer), `deaf` (it hears nothing),
+    /// `blind` (it sees something at its nose, always) or `noisy` (one ping in ten measures
+    /// anything). Sonar 0 looks ahead, the others follow to the left, 45° each. May be given
+    /// several times
     #[arg(long = "break", value_name = "'sonar N FAULT at TIME'")]
     pub breaks: Vec<Break>,
 
@@ -263,7 +264,7 @@ pub enum BreakError {
         word: String,
     },
     /// No sonar breaks like that.
-    #[error("a sonar cannot be `{word}`: write `dead`, `deaf` or `blind`")]
+    #[error("a sonar cannot be `{word}`: write `dead`, `deaf`, `blind` or `noisy`")]
     Fault {
         /// What stands for the fault.
         word: String,
@@ -761,6 +762,7 @@ mod tests {
                 broken(7, SonarFault::Deaf, 1_500_000),
             ),
             ("sonar 3 blind at 0 s", broken(3, SonarFault::Blind, 0)),
+            ("sonar 1 noisy at 0 s", broken(1, SonarFault::Noisy, 0)),
             (
                 "sonar 8 dead at 1 s",
                 Err(BreakError::Sonar { word: word("8") }),

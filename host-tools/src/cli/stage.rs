@@ -32,7 +32,7 @@ use crate::world::{World, WorldError};
 
 /// The worlds that ship, by the names under which they are asked for. The first is driven in where
 /// none is named.
-const SHIPPED_WORLDS: [(&str, &str); 6] = [
+const SHIPPED_WORLDS: [(&str, &str); 7] = [
     (
         "office",
         include_str!("../../../missions/worlds/office.world"),
@@ -56,6 +56,10 @@ const SHIPPED_WORLDS: [(&str, &str); 6] = [
     (
         "office_floor",
         include_str!("../../../missions/worlds/office_floor.world"),
+    ),
+    (
+        "low_boxes",
+        include_str!("../../../missions/worlds/low_boxes.world"),
     ),
 ];
 

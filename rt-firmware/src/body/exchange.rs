@@ -14,7 +14,8 @@
 //! | left, right duty (signed) | 2 + 2 | | echo pins that are high still | 1 |
 //! | sonar trigger bits | 1 | | ADC counts | 7 × 2 |
 //! | auxiliary outputs (bits 0 to 3), triggers of the array's banks (4 to 6) | 1 | | | |
-//! | | | | inputs that are low: bit 0 the emergency stop's | 1 |
+//! | | | | counts of the gyroscope (signed) | 2 |
+//! | | | | inputs that are low: bit 0 the emergency stop's, 1 and 2 the left and the right bumper's | 1 |
 //!
 //! The time of an echo pin counts from the last trigger on: 0 until it goes high, growing while it
 //! is, and then what it was. So 0 says that a sonar does not answer, and never that nothing is
@@ -22,13 +23,13 @@
 
 use core::array;
 
-use super::pins::{ARRAY_BANKS, AUX_OUTPUTS, Actuators, DEADMAN_US, PinImage, Sensors};
+use super::pins::{ARRAY_BANKS, AUX_OUTPUTS, Actuators, BUMPERS, DEADMAN_US, PinImage, Sensors};
 
 /// Size of an encoded [`Request`] in bytes.
 pub const REQUEST_BYTES: usize = 26;
 
 /// Size of an encoded [`Reply`] in bytes.
-pub const REPLY_BYTES: usize = 40;
+pub const REPLY_BYTES: usize = 42;
 
 /// The auxiliary outputs, in the byte that they share with the array's triggers.
 const AUX_MASK: u8 = (1 << AUX_OUTPUTS) - 1;
@@ -38,6 +39,9 @@ const ARRAY_MASK: u8 = (1 << ARRAY_BANKS) - 1;
 
 /// The input of the emergency stop's button, among those that a reply tells of.
 const STOP_IS_LOW: u8 = 1 << 0;
+
+/// Those of the bumpers, left and right.
+const BUMPER_IS_LOW: [u8; BUMPERS] = [1 << 1, 1 << 2];
 
 /// Stale frames in a row that a board bears; one more and it must go to its safe state.
 pub const STALE_FRAME_LIMIT: u8 = 5;
@@ -119,8 +123,13 @@ impl Reply {
             echo_high,
             adc_counts,
             stop_is_low,
+            bumper_is_low,
+            yaw_counts,
         } = self.sensors;
-        let low_inputs = if stop_is_low { STOP_IS_LOW } else { 0 };
+        let bits = [STOP_IS_LOW, BUMPER_IS_LOW[0], BUMPER_IS_LOW[1]].into_iter();
+        let inputs = [stop_is_low, bumper_is_low[0], bumper_is_low[1]];
+        let low_inputs =
+            (bits.zip(inputs)).fold(0, |low, (bit, is_low)| if is_low { low | bit } else { low });
         filled(
             (self.sequence.to_le_bytes().into_iter())
                 .chain(left_count.to_le_bytes())
@@ -128,6 +137,7 @@ impl Reply {
                 .chain(echo_us.into_iter().flat_map(u16::to_le_bytes))
                 .chain([echo_high])
                 .chain(adc_counts.into_iter().flat_map(u16::to_le_bytes))
+                .chain(yaw_counts.to_le_bytes())
                 .chain([low_inputs]),
         )
     }
@@ -136,7 +146,7 @@ impl Reply {
     /// sequence.
     pub fn decode(bytes: &[u8; REPLY_BYTES]) -> Self {
         let mut fields = Fields(bytes.iter());
-        Self {
+        let mut reply = Self {
             sequence: u32::from_le_bytes(fields.take()),
             sensors: Sensors {
                 left_count: u16::from_le_bytes(fields.take()),
@@ -144,9 +154,14 @@ impl Reply {
                 echo_us: array::from_fn(|_| u16::from_le_bytes(fields.take())),
                 echo_high: u8::from_le_bytes(fields.take()),
                 adc_counts: array::from_fn(|_| u16::from_le_bytes(fields.take())),
-                stop_is_low: u8::from_le_bytes(fields.take()) & STOP_IS_LOW != 0,
+                yaw_counts: i16::from_le_bytes(fields.take()),
+                ..Sensors::default()
             },
-        }
+        };
+        let low_inputs = u8::from_le_bytes(fields.take());
+        reply.sensors.stop_is_low = low_inputs & STOP_IS_LOW != 0;
+        reply.sensors.bumper_is_low = BUMPER_IS_LOW.map(|bit| low_inputs & bit != 0);
+        reply
     }
 }
 
@@ -303,10 +318,10 @@ mod tests {
             sensors: distinct_sensors(),
         };
         assert_eq!(Reply::decode(&reply.encode()), reply);
-        // Every byte belongs to a field: none is lost and none is padding. Of the last one a bit
-        // means something.
+        // Every byte belongs to a field: none is lost and none is padding. Of the last one three
+        // bits mean something.
         let mut bytes: [u8; REPLY_BYTES] = array::from_fn(|i| 0xA0 ^ i as u8);
-        bytes[REPLY_BYTES - 1] = STOP_IS_LOW;
+        bytes[REPLY_BYTES - 1] = STOP_IS_LOW | BUMPER_IS_LOW[1];
         assert_eq!(Reply::decode(&bytes).encode(), bytes);
     }
 

@@ -16,14 +16,19 @@
 
 mod exchange;
 pub mod flash;
+#[cfg(feature = "imu")]
+mod imu;
 pub mod line;
 mod pins;
 
 pub use exchange::{
     Freshness, PlantExchange, REPLY_BYTES, REQUEST_BYTES, Reply, Request, STALE_FRAME_LIMIT,
 };
+#[cfg(feature = "imu")]
+pub use imu::{ImuBus, NoAnswer};
 pub use pins::{
     ADC_FULL_SCALE, ANALOG_CHANNELS, ARRAY_BANKS, AUX_OUTPUTS, Actuators, AnalogChannel, AuxOutput,
-    BATTERY_CHANNEL, DEADMAN_US, DirectionPin, EchoCapture, EncoderCount, FULL_DUTY, LINE_CHANNEL,
-    LINE_SENSORS, MotorPwm, Parts, PinImage, SONARS, Sensors, StopPin, TriggerPin,
+    BATTERY_CHANNEL, BUMPERS, DEADMAN_US, DirectionPin, EchoCapture, EncoderCount, FULL_DUTY,
+    InPin, LINE_CHANNEL, LINE_SENSORS, MotorPwm, Parts, PinImage, SONARS, Sensors, StopPin,
+    TriggerPin,
 };

@@ -11,6 +11,8 @@ use core::sync::atomic::{AtomicBool, AtomicU16, Ordering::Relaxed};
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 
+#[cfg(feature = "imu")]
+use super::imu::ImuBus;
 pub use crate::drivers::LINE_SENSORS;
 use crate::drivers::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
 
@@ -34,6 +36,9 @@ pub const LINE_CHANNEL: usize = 4;
 
 /// Number of digital outputs for the user's own drivers.
 pub const AUX_OUTPUTS: usize = 4;
+
+/// Number of bumpers: contact switches on the left and on the right of the body's front.
+pub const BUMPERS: usize = 2;
 
 /// PWM duty that means "always on".
 pub const FULL_DUTY: u16 = 1_000;
@@ -81,6 +86,11 @@ pub struct Sensors {
     /// Whether the emergency stop's button pulls its input low: it is pressed. Otherwise a resistor
     /// holds it high.
     pub stop_is_low: bool,
+    /// Whether the switch of each bumper pulls its input low, left and right: something pushes the
+    /// bumper. Otherwise a resistor holds it high.
+    pub bumper_is_low: [bool; BUMPERS],
+    /// How fast the gyroscope is turned counter-clockwise, in counts of 1/131.2 °/s, with its bias.
+    pub yaw_counts: i16,
 }
 
 /// The pins of one motor driver.
@@ -142,6 +152,10 @@ pub struct PinImage {
     echo_high: [AtomicBool; SONARS],
     adc_counts: [AtomicU16; ANALOG_CHANNELS],
     stop_is_low: AtomicBool,
+    #[cfg(feature = "bumpers")]
+    bumper_is_low: [AtomicBool; BUMPERS],
+    #[cfg(feature = "imu")]
+    yaw_counts: AtomicU16,
 }
 
 impl Default for PinImage {
@@ -151,7 +165,8 @@ impl Default for PinImage {
 }
 
 impl PinImage {
-    /// All outputs low, all inputs 0, but for that of the emergency stop's button, which is high.
+    /// All outputs low, all inputs 0, but for those of the emergency stop's button and of the
+    /// bumpers, which are high.
     pub const fn new() -> Self {
         Self {
             left: MotorPins::new(),
@@ -166,6 +181,10 @@ impl PinImage {
             echo_high: [const { AtomicBool::new(false) }; SONARS],
             adc_counts: [const { AtomicU16::new(0) }; ANALOG_CHANNELS],
             stop_is_low: AtomicBool::new(false),
+            #[cfg(feature = "bumpers")]
+            bumper_is_low: [const { AtomicBool::new(false) }; BUMPERS],
+            #[cfg(feature = "imu")]
+            yaw_counts: AtomicU16::new(0),
         }
     }
 
@@ -200,6 +219,10 @@ impl PinImage {
                 .each_ref()
                 .map(|counts| AnalogChannel { counts }),
             aux_outputs: self.aux_outputs.each_ref().map(|level| AuxOutput { level }),
+            #[cfg(feature = "bumpers")]
+            bumpers: self.bumper_is_low.each_ref().map(|is_low| InPin { is_low }),
+            #[cfg(feature = "imu")]
+            imu: ImuBus::new(&self.yaw_counts),
         }
     }
 
@@ -213,7 +236,7 @@ impl PinImage {
     /// The input of the emergency stop's button. It is not one of the [`parts`](Self::parts), which
     /// the robot's tasks are made of: the button works below them.
     pub fn stop_button(&self) -> StopPin<'_> {
-        StopPin {
+        InPin {
             is_low: &self.stop_is_low,
         }
     }
@@ -263,6 +286,12 @@ impl PinImage {
         }
         store_all(&self.adc_counts, &sensors.adc_counts);
         self.stop_is_low.store(sensors.stop_is_low, Relaxed);
+        #[cfg(feature = "bumpers")]
+        for (pin, is_low) in self.bumper_is_low.iter().zip(sensors.bumper_is_low) {
+            pin.store(is_low, Relaxed);
+        }
+        #[cfg(feature = "imu")]
+        (self.yaw_counts).store(sensors.yaw_counts.cast_unsigned(), Relaxed);
     }
 
     /// The values on the inputs now.
@@ -277,6 +306,14 @@ impl PinImage {
                 .each_ref()
                 .map(|counts| counts.load(Relaxed)),
             stop_is_low: self.stop_is_low.load(Relaxed),
+            #[cfg(feature = "bumpers")]
+            bumper_is_low: (self.bumper_is_low.each_ref()).map(|is_low| is_low.load(Relaxed)),
+            #[cfg(not(feature = "bumpers"))]
+            bumper_is_low: [false; BUMPERS],
+            #[cfg(feature = "imu")]
+            yaw_counts: self.yaw_counts.load(Relaxed).cast_signed(),
+            #[cfg(not(feature = "imu"))]
+            yaw_counts: 0,
         }
     }
 }
@@ -333,6 +370,12 @@ pub struct Parts<'a> {
     pub analog: [AnalogChannel<'a>; ANALOG_CHANNELS],
     /// Digital outputs for the user's own drivers.
     pub aux_outputs: [AuxOutput<'a>; AUX_OUTPUTS],
+    /// Inputs of the bumpers' switches, left and right.
+    #[cfg(feature = "bumpers")]
+    pub bumpers: [InPin<'a>; BUMPERS],
+    /// The bus of the inertial measurement unit.
+    #[cfg(feature = "imu")]
+    pub imu: ImuBus<'a>,
 }
 
 /// PWM output of one motor.
@@ -425,17 +468,20 @@ impl OutputPin for AuxOutput<'_> {
     }
 }
 
-/// Input of the emergency stop's button; low is pressed.
+/// The input of the emergency stop's button; low is pressed.
+pub type StopPin<'a> = InPin<'a>;
+
+/// An input that a switch pulls low: of the emergency stop's button, of a bumper.
 #[derive(Debug)]
-pub struct StopPin<'a> {
+pub struct InPin<'a> {
     is_low: &'a AtomicBool,
 }
 
-impl digital::ErrorType for StopPin<'_> {
+impl digital::ErrorType for InPin<'_> {
     type Error = Infallible;
 }
 
-impl InputPin for StopPin<'_> {
+impl InputPin for InPin<'_> {
     fn is_high(&mut self) -> Result<bool, Infallible> {
         Ok(!self.is_low.load(Relaxed))
     }
@@ -500,6 +546,8 @@ pub(super) fn distinct_sensors() -> Sensors {
         echo_high: 0b0101_0110,
         adc_counts: array::from_fn(|i| 2_000 + i as u16),
         stop_is_low: true,
+        bumper_is_low: [false, true],
+        yaw_counts: -300,
     }
 }
 
@@ -574,6 +622,8 @@ mod tests {
         );
         assert_eq!(pins.sensors(), sensors);
         assert_eq!(pins.stop_button().is_low(), Ok(true));
+        let bumpers = parts.bumpers.each_mut().map(|bumper| bumper.is_low());
+        assert_eq!(bumpers, [Ok(false), Ok(true)]);
         pins.set_sensors(&Sensors::default());
         assert_eq!(parts.echo_timers[0].pulse(), EchoPulse::None);
         assert_eq!(pins.stop_button().is_high(), Ok(true));

@@ -5,7 +5,10 @@
 //! nothing of tasks or nets.
 
 mod battery;
+mod bumper;
 mod encoder;
+#[cfg(feature = "imu")]
+mod gyro;
 mod hal;
 mod line;
 mod motor;
@@ -13,9 +16,12 @@ mod sonar;
 mod stop_button;
 
 pub use battery::BatteryGauge;
+pub use bumper::{Bumper, FREE_AFTER_US};
 pub use encoder::WheelEncoder;
+#[cfg(feature = "imu")]
+pub use gyro::{GyroError, RAD_PER_S_PER_COUNT, WAKES_IN_US, YawGyro};
 pub use hal::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
 pub use line::{LINE_SENSORS, LineArray};
 pub use motor::{DcMotor, MotorError};
-pub use sonar::{Answer, LONGEST_ECHO_US, Sonar, answer_to};
+pub use sonar::{Answer, LONGEST_ECHO_US, Sonar, Sound, answer_to};
 pub use stop_button::{STOP_DEBOUNCE_US, StopButton};

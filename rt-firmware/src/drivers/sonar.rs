@@ -27,6 +27,44 @@ use super::{EchoPulse, EchoTimer};
 /// and back.
 const METRES_PER_ECHO_US: f32 = 343.2 / 2.0 / 1e6;
 
+/// The temperature of that room, in °C.
+const ROOM_C: f32 = 20.0;
+
+/// By which part of its speed at 20 °C sound is faster for each degree: the speed grows with the
+/// root of the absolute temperature, so half of a degree's part of 293.15 K.
+const FASTER_FOR_EACH_C: f32 = 0.5 / 293.15;
+
+/// How fast sound is in the air around the robot.
+///
+/// In an ideal gas that is 343.2 m/s · √(T / 293.15 K), 331.3 m/s at 0 °C; here it is the straight
+/// line that touches this at 20 °C, which is 0.06 % too fast at 0 °C and at 40 °C, and 0.3 % at
+/// -20 °C. Humidity adds 0.4 % at most at 20 °C (Bohn, "Environmental effects on the speed of
+/// sound", J. Audio Eng. Soc. 36(4), 1988).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sound {
+    metres_per_echo_us: f32,
+}
+
+impl Sound {
+    /// In a room at 20 °C.
+    pub const IN_A_ROOM: Self = Self {
+        metres_per_echo_us: METRES_PER_ECHO_US,
+    };
+
+    /// In air of this temperature, in °C; at 20 °C exactly [`IN_A_ROOM`](Self::IN_A_ROOM).
+    pub fn at(air_c: f32) -> Self {
+        let faster = (air_c - ROOM_C) * FASTER_FOR_EACH_C;
+        Self {
+            metres_per_echo_us: METRES_PER_ECHO_US + METRES_PER_ECHO_US * faster,
+        }
+    }
+
+    /// How far away something is whose echo takes so long, in metres.
+    pub fn range_m(self, echo_us: u16) -> f32 {
+        f32::from(echo_us) * self.metres_per_echo_us
+    }
+}
+
 /// A pulse longer than this is no echo but the end of the sonar's patience, in microseconds. The
 /// longest echo that the HC-SR04's data sheet knows is 25 ms, which is 4.3 m; the shortest patience
 /// of its kind is 30 ms (SRF05).
@@ -77,22 +115,22 @@ impl<T: OutputPin, E: EchoTimer> Sonar<T, E> {
     }
 
     /// What it says to the last ping. A ping that could not be sent has no answer.
-    pub fn answer(&mut self) -> Answer {
+    pub fn answer(&mut self, sound: Sound) -> Answer {
         if self.unsent {
             return Answer::None;
         }
-        answer_to(self.echo.pulse())
+        answer_to(self.echo.pulse(), sound)
     }
 }
 
 /// What a sonar says by a pulse on its echo pin.
-pub fn answer_to(pulse: EchoPulse) -> Answer {
+pub fn answer_to(pulse: EchoPulse, sound: Sound) -> Answer {
     match pulse {
         EchoPulse::High { us } | EchoPulse::Over { us } if us > LONGEST_ECHO_US => {
             Answer::NothingInRange
         }
         EchoPulse::Over { us } => Answer::Echo {
-            range_m: f32::from(us) * METRES_PER_ECHO_US,
+            range_m: sound.range_m(us),
         },
         EchoPulse::High { .. } | EchoPulse::None => Answer::None,
     }
@@ -142,13 +180,31 @@ mod tests {
             sensors.echo_us[0] = width_us;
             sensors.echo_high = u8::from(high);
             pins.set_sensors(&sensors);
-            let answer = sonar.answer();
+            let answer = sonar.answer(Sound::IN_A_ROOM);
             match (answer, expected) {
                 (Answer::Echo { range_m }, Answer::Echo { range_m: expected }) => {
                     assert!((range_m - expected).abs() < 1e-2, "{width_us}: {range_m}");
                 }
                 _ => assert_eq!(answer, expected, "{width_us} {high}"),
             }
+        }
+    }
+
+    #[test]
+    fn sound_is_faster_in_warm_air() {
+        assert_eq!(Sound::at(20.0), Sound::IN_A_ROOM);
+        // °C; by how much the straight line is too fast at most.
+        for (air_c, most) in [
+            (-20.0, 0.003),
+            (0.0, 0.000_65),
+            (10.0, 0.000_2),
+            (30.0, 0.000_2),
+            (40.0, 0.000_65),
+        ] {
+            let ratio = (f64::from(air_c) + 273.15) / 293.15;
+            let expected_m = 343.2 / 2.0 / 1e6 * 20_000.0 * libm::sqrt(ratio);
+            let error = f64::from(Sound::at(air_c).range_m(20_000)) / expected_m - 1.0;
+            assert!((-1e-6..most).contains(&error), "{air_c}: {error}");
         }
     }
 
@@ -190,8 +246,12 @@ mod tests {
     #[test]
     fn the_echo_before_is_no_answer_to_a_ping_that_was_not_sent() {
         let mut sonar = Sonar::new(Broken, Shows);
-        assert_eq!(sonar.answer(), Answer::None, "before the first ping");
+        assert_eq!(
+            sonar.answer(Sound::IN_A_ROOM),
+            Answer::None,
+            "before the first ping"
+        );
         assert!(sonar.ping().is_err());
-        assert_eq!(sonar.answer(), Answer::None);
+        assert_eq!(sonar.answer(Sound::IN_A_ROOM), Answer::None);
     }
 }

@@ -22,6 +22,11 @@ impl Arc {
     pub fn of(heading_rad: f32, left_m: f32, right_m: f32, wheel_base_m: f32) -> Self {
         let way_m = (left_m + right_m) / 2.0;
         let half_rad = (right_m - left_m) / (2.0 * wheel_base_m);
+        Self::with(heading_rad, way_m, half_rad)
+    }
+
+    /// The arc of this length of a robot that looks there and turns by twice this angle.
+    fn with(heading_rad: f32, way_m: f32, half_rad: f32) -> Self {
         let (sine, cosine) = sine_and_cosine(heading_rad + half_rad);
         Self {
             way_m,
@@ -37,7 +42,16 @@ impl Pose {
     /// The pose after the left and the right wheel have rolled `left_m` and `right_m`, each evenly,
     /// with the wheels `wheel_base_m` apart. The robot turns by less than a full turn.
     pub fn rolled(self, left_m: f32, right_m: f32, wheel_base_m: f32) -> Self {
-        let arc = Arc::of(self.heading_rad, left_m, right_m, wheel_base_m);
+        self.along(&Arc::of(self.heading_rad, left_m, right_m, wheel_base_m))
+    }
+
+    /// The pose after a way on which the robot has turned evenly by `turned_rad`,
+    /// counter-clockwise, by less than a full turn.
+    pub fn turned(self, way_m: f32, turned_rad: f32) -> Self {
+        self.along(&Arc::with(self.heading_rad, way_m, turned_rad / 2.0))
+    }
+
+    fn along(self, arc: &Arc) -> Self {
         Self {
             x_m: self.x_m + arc.chord_m * arc.cosine,
             y_m: self.y_m + arc.chord_m * arc.sine,
@@ -86,6 +100,18 @@ mod tests {
     /// A drive of `steps` equal steps.
     fn drive(steps: usize, left_m: f32, right_m: f32) -> Pose {
         (0..steps).fold(Pose::START, |pose, _| pose.rolled(left_m, right_m, BASE_M))
+    }
+
+    #[test]
+    fn who_turns_as_the_wheels_roll_goes_as_they_do() {
+        for (left_m, right_m) in [(0.01, 0.01), (0.01, -0.01), (0.004, 0.006), (0.3, 0.2)] {
+            let pose = drive(7, 0.02, 0.03);
+            let by_wheels = pose.rolled(left_m, right_m, BASE_M);
+            let by_turn = pose.turned((left_m + right_m) / 2.0, (right_m - left_m) / BASE_M);
+            let off = |a: f32, b: f32| (a - b).abs() < 1e-6;
+            assert!(off(by_wheels.x_m, by_turn.x_m) && off(by_wheels.y_m, by_turn.y_m));
+            assert!(off(by_wheels.heading_rad, by_turn.heading_rad));
+        }
     }
 
     #[test]

@@ -20,8 +20,11 @@
 //! [`split_pins`] leaves it the spare pins, [`RoverParts::into_tasks`] makes the tasks that own the
 //! rover's.
 
+mod extras;
+
 use core::array;
 use core::f32::consts::TAU;
+use core::marker::PhantomData;
 
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
@@ -30,15 +33,21 @@ use embedded_hal::pwm::SetDutyCycle;
 use crate::behaviours::{AlongWall, Approach, FollowCorridor, FollowObject, PassDoor, Wander};
 #[cfg(feature = "behaviours")]
 use crate::behaviours::{Behaviours, GoTo, Move, TurnTo};
+#[cfg(feature = "imu")]
+use crate::body::ImuBus;
 use crate::body::{
     ARRAY_BANKS, AUX_OUTPUTS, AnalogChannel, AuxOutput, DirectionPin, EchoCapture, EncoderCount,
-    LINE_SENSORS, MotorPwm, Parts, SONARS, TriggerPin,
+    InPin, LINE_SENSORS, MotorPwm, Parts, SONARS, TriggerPin,
 };
 use crate::drivers::{
     AnalogIn, BatteryGauge, DcMotor, EchoTimer, EncoderCounter, LineArray, WheelEncoder,
 };
 use crate::ports::TaskPool;
 use crate::registry;
+#[cfg(feature = "bumpers")]
+use crate::tasks::Bumpers;
+#[cfg(feature = "imu")]
+use crate::tasks::Gyro;
 use crate::tasks::{
     Back, BatteryGuard, BatteryMonitor, Bearing, Chassis, Cruise, FollowWall, LineSensor,
     LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SonarRing, Stop, Turn,
@@ -48,6 +57,8 @@ use crate::tasks::{
 use crate::tasks::{Count, DriveDistance, FollowLine, LineMonitor, SlotMonitor};
 #[cfg(feature = "sonar-array")]
 use crate::tasks::{SectorMonitor, SonarArray, Steer};
+
+pub use extras::{ExtraParts, Extras, NoBus, NoExtras, NoPin};
 
 /// What a robot with the rover's parts measures.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,7 +106,19 @@ impl Measures {
 /// backwards), encoders, sonars (trigger, echo timer; in the order of [`Measures::sonars`]),
 /// battery input, line sensors (left, middle, right).
 #[derive(Debug)]
-pub struct RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize = SONARS> {
+pub struct RoverParts<
+    LP,
+    LD,
+    RP,
+    RD,
+    LE,
+    RE,
+    T,
+    E,
+    A,
+    const N: usize = SONARS,
+    X: Extras = NoExtras,
+> {
     /// PWM of the left motor.
     pub left_pwm: LP,
     /// Direction of the left motor.
@@ -119,6 +142,8 @@ pub struct RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize = SONARS> 
     pub battery: A,
     /// The analogue inputs that measure how the floor reflects, from the left to the right.
     pub line_sensors: [A; LINE_SENSORS],
+    /// What not every robot has.
+    pub extras: ExtraParts<X>,
 }
 
 /// The HAL objects of an array of sonars.
@@ -141,7 +166,21 @@ pub type PinRoverParts<'a> = RoverParts<
     TriggerPin<'a>,
     EchoCapture<'a>,
     AnalogChannel<'a>,
+    SONARS,
+    PinExtras<'a>,
 >;
+
+/// The types of a [`PinImage`](crate::body::PinImage)'s pins for parts that not every robot has.
+#[derive(Clone, Copy, Debug)]
+pub struct PinExtras<'a>(PhantomData<&'a ()>);
+
+impl<'a> Extras for PinExtras<'a> {
+    type Bumper = InPin<'a>;
+    #[cfg(feature = "imu")]
+    type ImuBus = ImuBus<'a>;
+    #[cfg(not(feature = "imu"))]
+    type ImuBus = NoBus;
+}
 
 /// The [`Rover`] on a [`PinImage`](crate::body::PinImage).
 pub type PinRover<'a> = Rover<
@@ -155,6 +194,7 @@ pub type PinRover<'a> = Rover<
     EchoCapture<'a>,
     AnalogChannel<'a>,
     SONARS,
+    PinExtras<'a>,
 >;
 
 /// The pins of a [`PinImage`](crate::body::PinImage) that the rover leaves to the user's own
@@ -188,6 +228,16 @@ pub fn split_pins(parts: Parts<'_>) -> (PinRoverParts<'_>, SparePins<'_>) {
         array: None,
         battery,
         line_sensors: [left, middle, right],
+        extras: ExtraParts {
+            #[cfg(feature = "bumpers")]
+            bumpers: Some(parts.bumpers),
+            #[cfg(not(feature = "bumpers"))]
+            bumpers: None,
+            #[cfg(feature = "imu")]
+            imu: Some(parts.imu),
+            #[cfg(not(feature = "imu"))]
+            imu: None,
+        },
     };
     let spare = SparePins {
         analog: [analog_1, analog_2, analog_3],
@@ -205,7 +255,19 @@ impl<'a> From<Parts<'a>> for PinRoverParts<'a> {
 
 /// The rover's tasks that own hardware, for registries that have them beside others.
 #[derive(Debug)]
-pub struct HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize = SONARS> {
+pub struct HardwareTasks<
+    LP,
+    LD,
+    RP,
+    RD,
+    LE,
+    RE,
+    T,
+    E,
+    A,
+    const N: usize = SONARS,
+    X: Extras = NoExtras,
+> {
     /// The sonars.
     pub sonar_ring: SonarRing<T, E, N>,
     /// The sonars of the array.
@@ -219,9 +281,18 @@ pub struct HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize = SONAR
     pub battery_monitor: BatteryMonitor<A>,
     /// The sensors that look at the floor.
     pub line_sensor: LineSensor<A>,
+    /// The bumpers.
+    #[cfg(feature = "bumpers")]
+    pub bumpers: Bumpers<X::Bumper>,
+    /// The gyroscope.
+    #[cfg(feature = "imu")]
+    pub gyro: Gyro<X::ImuBus>,
+    /// What it has beside the others.
+    pub extras: PhantomData<fn() -> X>,
 }
 
-impl<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize> RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, N>
+impl<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize, X: Extras>
+    RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, N, X>
 where
     LP: SetDutyCycle,
     LD: OutputPin,
@@ -237,7 +308,7 @@ where
     pub fn into_tasks(
         self,
         measures: &Measures<N>,
-    ) -> HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A, N> {
+    ) -> HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A, N, X> {
         let chassis = measures.chassis;
         HardwareTasks {
             sonar_ring: SonarRing::new(self.sonar_triggers, self.echo_timers, measures.sonars),
@@ -264,6 +335,11 @@ where
                 measures.floor_counts,
                 measures.line_counts,
             )),
+            #[cfg(feature = "bumpers")]
+            bumpers: Bumpers::new(self.extras.bumpers),
+            #[cfg(feature = "imu")]
+            gyro: Gyro::new(self.extras.imu),
+            extras: PhantomData,
         }
     }
 }
@@ -273,8 +349,8 @@ registry! {
     pub struct Rover[
         LP: SetDutyCycle + Send, LD: OutputPin + Send, RP: SetDutyCycle + Send, RD: OutputPin + Send,
         LE: EncoderCounter + Send, RE: EncoderCounter + Send, T: OutputPin + Send, E: EchoTimer + Send, A: AnalogIn + Send,
-        const N: usize
-    ]<LP, LD, RP, RD, LE, RE, T, E, A, N> {
+        const N: usize, X: Extras
+    ]<LP, LD, RP, RD, LE, RE, T, E, A, N, X> marks X {
         sonar_ring: SonarRing<T, E, N>[1],
         odometry: Odometry<LE, RE>[1],
         wheel_speed: WheelSpeed<LP, LD, RP, RD>[1],
@@ -298,6 +374,8 @@ registry! {
         sonar_array: SonarArray<T, E>[1] if "sonar-array",
         sector_monitor: SectorMonitor[1] if "sonar-array",
         steer: Steer[4] if "sonar-array",
+        bumpers: Bumpers<X::Bumper>[1] if "bumpers",
+        gyro: Gyro<X::ImuBus>[1] if "imu",
         behaviours: Behaviours[1] if "behaviours",
         move_on: Move[4] if "behaviours",
         turn_to: TurnTo[4] if "behaviours",
@@ -311,7 +389,8 @@ registry! {
     }
 }
 
-impl<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize> Rover<LP, LD, RP, RD, LE, RE, T, E, A, N>
+impl<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize, X: Extras>
+    Rover<LP, LD, RP, RD, LE, RE, T, E, A, N, X>
 where
     LP: SetDutyCycle + Send,
     LD: OutputPin + Send,
@@ -325,15 +404,16 @@ where
 {
     /// The robot on these parts, with these measures.
     pub fn new(
-        parts: RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, N>,
+        parts: RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, N, X>,
         measures: &Measures<N>,
     ) -> Self {
         Self::from_tasks(parts.into_tasks(measures))
     }
 
     /// The robot with these tasks, and those that own no hardware.
-    pub fn from_tasks(hardware: HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A, N>) -> Self {
+    pub fn from_tasks(hardware: HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A, N, X>) -> Self {
         Self {
+            marks: PhantomData,
             sonar_ring: TaskPool::new([hardware.sonar_ring]),
             odometry: TaskPool::new([hardware.odometry]),
             wheel_speed: TaskPool::new([hardware.wheel_speed]),
@@ -366,6 +446,10 @@ where
             sector_monitor: TaskPool::new([SectorMonitor]),
             #[cfg(feature = "sonar-array")]
             steer: TaskPool::new(array::from_fn(|_| Steer)),
+            #[cfg(feature = "bumpers")]
+            bumpers: TaskPool::new([hardware.bumpers]),
+            #[cfg(feature = "imu")]
+            gyro: TaskPool::new([hardware.gyro]),
             #[cfg(feature = "behaviours")]
             behaviours: TaskPool::new([Behaviours::default()]),
             #[cfg(feature = "behaviours")]

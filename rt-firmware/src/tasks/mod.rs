@@ -7,6 +7,8 @@
 //! | [`WheelSpeed`] | makes the wheels follow a twist | motors |
 //! | [`DriveOpenLoop`] | drives the motors where there are no encoders, in place of `WheelSpeed` | motors |
 //! | [`BatteryMonitor`] | watches the battery | battery input |
+//! | `Gyro` (feature `imu`) | measures how fast the robot turns | gyroscope |
+//! | [`Bumpers`] | tells what the robot touches, and passes the ranges on with it | contact switches |
 //! | [`ProximityMonitor`] | watches whether something comes too close | |
 //! | [`Cruise`] | drives ahead, towards free space | |
 //! | [`Back`] | backs up | |
@@ -44,12 +46,15 @@
 mod back;
 mod battery_guard;
 mod battery_monitor;
+mod bumpers;
 mod count;
 mod cruise;
 mod drive_distance;
 mod drive_open_loop;
 mod follow_line;
 mod follow_wall;
+#[cfg(feature = "imu")]
+mod gyro;
 mod laws;
 mod line_monitor;
 mod line_sensor;
@@ -72,12 +77,15 @@ mod wheel_speed;
 pub use back::Back;
 pub use battery_guard::BatteryGuard;
 pub use battery_monitor::BatteryMonitor;
+pub use bumpers::Bumpers;
 pub use count::Count;
 pub use cruise::Cruise;
 pub use drive_distance::DriveDistance;
 pub use drive_open_loop::DriveOpenLoop;
 pub use follow_line::FollowLine;
 pub use follow_wall::FollowWall;
+#[cfg(feature = "imu")]
+pub use gyro::Gyro;
 pub use laws::{Approach, OnTrack, RIM_M, Track, WallSight};
 pub use line_monitor::LineMonitor;
 pub use line_sensor::LineSensor;
@@ -95,7 +103,7 @@ pub use steer::Steer;
 pub use stop::Stop;
 pub use turn::Turn;
 pub use values::{
-    ARRAY_SONARS, ArrayRanges, Battery, Bearing, Chassis, Line, MAX_SONARS, Pose, Ranges, Reading,
-    Sector, Twist, WheelControl, WheelSpeeds,
+    ARRAY_SONARS, ArrayRanges, Battery, Bearing, Chassis, Contact, Line, MAX_SONARS, Pose, Ranges,
+    Reading, Sector, Twist, WheelControl, WheelSpeeds, YawRate,
 };
 pub use wheel_speed::WheelSpeed;

@@ -1,13 +1,23 @@
 //! Works out pose and wheel speeds from the encoders.
 
-use super::values::{Chassis, Pose, WheelSpeeds};
+use super::values::{Chassis, Pose, WheelSpeeds, YawRate};
 use crate::drivers::{EncoderCounter, WheelEncoder};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Adds up what the wheels have rolled. The pose belongs to the robot, not to a mission: it goes on
-/// when missions are swapped.
+/// A robot whose wheels stand, and that turns no faster than this, stands: what its gyroscope says
+/// is what its bias has changed by since it was measured. 2 °/s.
+const STANDS_RAD_PER_S: f32 = 0.035;
+
+/// A rate counts for so many steps, 30 ms in a slot of 10 ms; where no new one has come by then,
+/// nobody measures it any more. Its port has no `within`, which would have it on a net in each
+/// mission.
+const FRESH_STEPS: u8 = 3;
+
+/// Adds up what the wheels have rolled, and where a gyroscope tells how fast the robot turns, takes
+/// the turn from that: wheels slip, and nobody knows their distance well. The pose belongs to the
+/// robot, not to a mission: it goes on when missions are swapped.
 #[derive(Debug)]
 pub struct Odometry<L, R> {
     left: WheelEncoder<L>,
@@ -16,15 +26,21 @@ pub struct Odometry<L, R> {
     metres_per_count: f32,
     wheel_base_m: f32,
     located: Pose,
+    /// The number of the last rate, and for how many steps it counts still.
+    rate_count: u8,
+    fresh_steps: u8,
 }
 
 task! {
-    /// Works out from the encoders where the robot is, counted from where it was switched on.
+    /// Works out from the encoders where the robot is, counted from where it was switched on. With
+    /// a gyroscope, how far it has turned is what that says.
     impl[L: EncoderCounter + Send, R: EncoderCounter + Send] Odometry<L, R> {
         slot 2;
         wcet 1 ms;
         endless;
         data {
+            /// How fast it turns.
+            in yaw_rate: YawRate optional;
             /// Where it is.
             out pose: Pose;
             /// How fast its wheels roll.
@@ -42,17 +58,33 @@ impl<L: EncoderCounter, R: EncoderCounter> Odometry<L, R> {
             metres_per_count: chassis.metres_per_count,
             wheel_base_m: chassis.wheel_base_m,
             located: Pose::START,
+            rate_count: 0,
+            fresh_steps: 0,
         }
     }
 }
 
 impl<L: EncoderCounter + Send, R: EncoderCounter + Send> Task for Odometry<L, R> {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let metres = |counts: i32| counts as f32 * self.metres_per_count;
-        let left_m = metres(self.left.take_counts());
-        let right_m = metres(self.right.take_counts());
-        self.located = self.located.rolled(left_m, right_m, self.wheel_base_m);
+        let (left, right) = (self.left.take_counts(), self.right.take_counts());
+        let left_m = left as f32 * self.metres_per_count;
+        let right_m = right as f32 * self.metres_per_count;
         let period_s = io.period_us() as f32 / 1e6;
+        let mut turned_rad = (right_m - left_m) / self.wheel_base_m;
+        if let Some(rate) = io.try_read(Self::YAW_RATE) {
+            let rate_rad_per_s = rate.yaw_rate_rad_per_s;
+            self.fresh_steps = match rate.count == self.rate_count {
+                true => self.fresh_steps.saturating_sub(1),
+                false => FRESH_STEPS,
+            };
+            self.rate_count = rate.count;
+            if self.fresh_steps > 0
+                && (left | right != 0 || rate_rad_per_s.abs() > STANDS_RAD_PER_S)
+            {
+                turned_rad = rate_rad_per_s * period_s;
+            }
+        }
+        self.located = self.located.turned((left_m + right_m) / 2.0, turned_rad);
         *io.write(Self::POSE) = self.located;
         *io.write(Self::SPEEDS) = WheelSpeeds {
             left_m_per_s: left_m / period_s,
@@ -70,9 +102,7 @@ mod tests {
 
     type Task<'a> = Odometry<EncoderCount<'a>, EncoderCount<'a>>;
 
-    #[test]
-    fn counts_become_pose_and_speeds() {
-        let pins = PinImage::new();
+    fn bench(pins: &PinImage) -> TaskBench<'_> {
         let parts = pins.parts();
         let chassis = Chassis {
             wheel_base_m: 0.2,
@@ -86,6 +116,68 @@ mod tests {
             chassis,
         ));
         bench.period_us(20_000);
+        bench
+    }
+
+    #[test]
+    fn the_gyroscope_says_how_far_it_turns_unless_it_stands() {
+        // Counts of both wheels in a step, rate, and by how much that turns it.
+        for (left, right, rate_rad_per_s, expected_rad) in [
+            (0, 0, None, 0.0),
+            (10, 12, None, 0.01),
+            // The wheels slip, and the other way round.
+            (10, 12, Some(0.0), 0.0),
+            (10, 10, Some(1.0), 0.02),
+            (-3, 3, Some(-0.5), -0.01),
+            // The wheels stand: a bias that has changed, somebody who turns it.
+            (0, 0, Some(0.03), 0.0),
+            (0, 0, Some(-0.5), -0.01),
+        ] {
+            let pins = PinImage::new();
+            let mut bench = bench(&pins);
+            bench.step();
+            pins.set_sensors(&Sensors {
+                left_count: i16::cast_unsigned(left),
+                right_count: i16::cast_unsigned(right),
+                ..Sensors::default()
+            });
+            if let Some(yaw_rate_rad_per_s) = rate_rad_per_s {
+                let rate = YawRate {
+                    yaw_rate_rad_per_s,
+                    count: 1,
+                };
+                bench.give(Task::YAW_RATE, rate);
+            }
+            bench.step();
+            let pose = bench.output(Task::POSE).unwrap();
+            let turned_rad = pose.heading_rad;
+            assert!((turned_rad - expected_rad).abs() < 1e-6, "{turned_rad}");
+            let way_m = f32::from(left + right) * 0.0005;
+            assert!((pose.x_m - way_m).abs() < 1e-5, "{pose:?}");
+        }
+    }
+
+    #[test]
+    fn a_rate_that_nobody_measures_any_more_turns_nothing() {
+        let pins = PinImage::new();
+        let mut bench = bench(&pins);
+        let rate = YawRate {
+            yaw_rate_rad_per_s: 1.0,
+            count: 1,
+        };
+        bench.give(Task::YAW_RATE, rate);
+        for step in 0..20_u8 {
+            bench.step();
+            let turned_rad = f32::from((step + 1).min(FRESH_STEPS)) * 0.02;
+            let heading_rad = bench.output(Task::POSE).unwrap().heading_rad;
+            assert!((heading_rad - turned_rad).abs() < 1e-6, "{step}");
+        }
+    }
+
+    #[test]
+    fn counts_become_pose_and_speeds() {
+        let pins = PinImage::new();
+        let mut bench = bench(&pins);
         for (left_count, right_count) in [(100, 65_530), (110, 4), (120, 14)] {
             pins.set_sensors(&Sensors {
                 left_count,

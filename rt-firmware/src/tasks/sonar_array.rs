@@ -4,7 +4,7 @@ use embedded_hal::digital::OutputPin;
 
 use super::values::{ARRAY_SONARS, ArrayRanges};
 use crate::body::{ARRAY_BANKS, SONARS};
-use crate::drivers::{Answer, EchoTimer, answer_to};
+use crate::drivers::{Answer, EchoTimer, Sound, answer_to};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
@@ -54,6 +54,10 @@ task! {
             /// The range of each sonar in millimetres; 0 where it is not known.
             out ranges: ArrayRanges;
         }
+        params {
+            /// Temperature of the air, in °C: sound is 0.17 % faster with each degree.
+            air_c: f32 = 20.0, -20.0..=50.0;
+        }
     }
 }
 
@@ -69,7 +73,7 @@ impl<T: OutputPin, E: EchoTimer> SonarArray<T, E> {
         }
     }
 
-    fn collect(&mut self, asked: Asked) {
+    fn collect(&mut self, asked: Asked, sound: Sound) {
         let first = asked.bank * SONARS;
         let Some(row) = self.ranges.range_mm.get_mut(first..first + SONARS) else {
             return;
@@ -77,7 +81,7 @@ impl<T: OutputPin, E: EchoTimer> SonarArray<T, E> {
         row.fill(0);
         if let (Some((_, echo_timers)), true) = (&mut self.pins, asked.is_sent) {
             for (range_mm, timer) in row.iter_mut().zip(echo_timers) {
-                *range_mm = match answer_to(timer.pulse()) {
+                *range_mm = match answer_to(timer.pulse(), sound) {
                     Answer::Echo { range_m } => ArrayRanges::millimetres(range_m),
                     Answer::NothingInRange => ArrayRanges::FAR_MM,
                     Answer::None => 0,
@@ -106,7 +110,7 @@ impl<T: OutputPin + Send, E: EchoTimer + Send> Task for SonarArray<T, E> {
 
     fn step(&mut self, io: &mut Io<'_>) -> Step {
         if let Some(asked) = self.asked {
-            self.collect(asked);
+            self.collect(asked, Sound::at(io.param(Self::AIR_C)));
             if self.bank == 0 {
                 let rows = io
                     .write(Self::RANGES)
@@ -136,7 +140,7 @@ mod tests {
         let parts = pins.parts();
         let array = Array::new(Some((parts.array_triggers, parts.array_echo_timers)));
         let mut bench = TaskBench::new(array);
-        bench.period_us(40_000);
+        bench.period_us(40_000).param(Array::AIR_C, 20.0);
         // The echoes of each bank are longer than those of the one before; one sonar waits in
         // vain, one does not answer.
         for step in 0..7_u16 {
@@ -180,7 +184,7 @@ mod tests {
         let parts = pins.parts();
         let array = Array::new(Some((parts.array_triggers, parts.array_echo_timers)));
         let mut bench = TaskBench::new(array);
-        bench.period_us(40_000);
+        bench.period_us(40_000).param(Array::AIR_C, 20.0);
         pins.set_sensors(&Sensors {
             echo_us: [5_000; SONARS],
             ..Sensors::default()

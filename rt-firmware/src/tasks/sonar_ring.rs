@@ -6,7 +6,7 @@ use core::f32::consts::TAU;
 use embedded_hal::digital::OutputPin;
 
 use super::values::{Bearing, MAX_SONARS, Pose, Ranges};
-use crate::drivers::{Answer, EchoTimer, Sonar};
+use crate::drivers::{Answer, EchoTimer, Sonar, Sound};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
@@ -27,6 +27,9 @@ pub const RING_WINDOWS: [u8; Bearing::COUNT] = firing_windows(&Bearing::ALL);
 /// because one echo was lost. Lost echoes are a few in a hundred; two in a row are one in a
 /// thousand.
 const EMPTY_BELIEVED_AFTER: u8 = 2;
+
+/// So many answers before the newest one are remembered, for the median of three.
+const EARLIER: usize = 2;
 
 /// A sonar that left so many pings in a row without an answer is unknown: one may have been lost on
 /// the wire.
@@ -77,6 +80,10 @@ const REMEMBERED_US: u32 = 3_000_000;
 /// known is never far: a sonar that does not answer has no range ([`Ranges`]). An echo that is
 /// missed once changes nothing but the age.
 ///
+/// With `median` a range is the median of the last three answers, but where the newest is nearer
+/// than that, it is the newest: what steps in the way is believed at once, and that it has gone
+/// when two pings of three say so.
+///
 /// `faulty` is set while a sonar is dead (it does not answer) or deaf (it answers that nothing is
 /// there, where others heard something, or that something is at its nose, where others heard none);
 /// which one, the ranges say. A deaf sonar is found only where the robot turns on the spot with its
@@ -110,6 +117,13 @@ task! {
             /// A sonar does not answer, or hears nothing where others do.
             out faulty;
         }
+        params {
+            /// Ranges are the median of three pings, but what is nearer than that is believed at
+            /// once.
+            median: bool = false;
+            /// Temperature of the air, in °C: sound is 0.17 % faster with each degree.
+            air_c: f32 = 20.0, -20.0..=50.0;
+        }
     }
 }
 
@@ -135,6 +149,14 @@ pub const fn firing_windows<const N: usize>(bearings: &[Bearing; N]) -> [u8; N] 
     windows
 }
 
+/// How answers are taken.
+#[derive(Clone, Copy, Debug)]
+struct Hearing {
+    /// By the median of three.
+    median: bool,
+    sound: Sound,
+}
+
 /// A sonar, and what it said.
 #[derive(Debug)]
 struct Channel<T, E> {
@@ -145,6 +167,8 @@ struct Channel<T, E> {
     range_m: f32,
     /// Time since the ping that the range is from.
     age_us: u32,
+    /// The bits of the answers before the newest one, in metres; 0 where there were none.
+    earlier: [u32; EARLIER],
     /// Answers in a row that nothing is in range.
     empty: u8,
     /// Pings in a row without an answer.
@@ -160,7 +184,20 @@ impl<T: OutputPin, E: EchoTimer> Channel<T, E> {
     fn forget(&mut self) {
         self.range_m = 0.0;
         self.age_us = u32::MAX;
+        self.earlier = [0; EARLIER];
         self.empty = 0;
+    }
+
+    /// Remembers an answer: so far nothing is in the way. Returns what the range is by it: with the
+    /// median no farther than the farther one of the two answers before, which is the median of
+    /// three unless the newest is the nearest.
+    fn remember(&mut self, range_m: f32, median: bool) -> f32 {
+        // Ranges are not negative, and so have the order of their bits.
+        let range = range_m.to_bits();
+        let [last, before] = self.earlier;
+        self.earlier = [range, last];
+        let most = if median { last.max(before) } else { range };
+        f32::from_bits(range.min(most))
     }
 
     /// Others contradict it, in this direction if they do. Again in the same one counts once.
@@ -183,10 +220,10 @@ impl<T: OutputPin, E: EchoTimer> Channel<T, E> {
 
     /// Takes the answer to the ping of `age_us` ago. `heard` is what all have heard from here, if
     /// the robot knows where that is; `bit` is this sonar's among them.
-    fn collect(&mut self, age_us: u32, bit: u8, heard: Option<&mut Heard>) {
-        match self.sonar.answer() {
+    fn collect(&mut self, age_us: u32, bit: u8, hearing: Hearing, heard: Option<&mut Heard>) {
+        match self.sonar.answer(hearing.sound) {
             Answer::Echo { range_m } => {
-                self.range_m = range_m.min(Ranges::FAR_M);
+                self.range_m = self.remember(range_m.min(Ranges::FAR_M), hearing.median);
                 self.age_us = age_us;
                 (self.silent, self.empty) = (0, 0);
                 let at_nose = FINDS_BLIND && range_m < NOSE_M;
@@ -213,8 +250,9 @@ impl<T: OutputPin, E: EchoTimer> Channel<T, E> {
                     (self.at_nose, self.contradicted) = (false, 0);
                 }
                 self.empty = self.empty.saturating_add(1);
+                let range_m = self.remember(Ranges::FAR_M, hearing.median);
                 if self.empty >= EMPTY_BELIEVED_AFTER {
-                    self.range_m = Ranges::FAR_M;
+                    self.range_m = range_m;
                     self.age_us = age_us;
                 }
                 let contradiction = heard.and_then(|heard| heard.by_others(self.bearing, bit));
@@ -326,6 +364,7 @@ impl<T: OutputPin, E: EchoTimer, const N: usize> SonarRing<T, E, N> {
                 window,
                 range_m: 0.0,
                 age_us: u32::MAX,
+                earlier: [0; EARLIER],
                 empty: 0,
                 silent: 0,
                 at_nose: false,
@@ -343,7 +382,7 @@ impl<T: OutputPin, E: EchoTimer, const N: usize> SonarRing<T, E, N> {
         }
     }
 
-    fn collect(&mut self, pose: Option<&Pose>, period_us: u32) {
+    fn collect(&mut self, pose: Option<&Pose>, period_us: u32, hearing: Hearing) {
         let mut heard = pose.map(|pose| {
             self.heard.go_on(pose, period_us);
             &mut self.heard
@@ -352,7 +391,7 @@ impl<T: OutputPin, E: EchoTimer, const N: usize> SonarRing<T, E, N> {
         for channel in &mut self.channels {
             channel.age_us = channel.age_us.saturating_add(period_us);
             if self.asked > 0 && channel.window == self.window {
-                channel.collect(period_us, bit, heard.as_deref_mut());
+                channel.collect(period_us, bit, hearing, heard.as_deref_mut());
             }
             bit <<= 1;
         }
@@ -409,7 +448,11 @@ impl<T: OutputPin + Send, E: EchoTimer + Send, const N: usize> Task for SonarRin
 
     fn step(&mut self, io: &mut Io<'_>) -> Step {
         let pose = io.try_read(Self::POSE).copied();
-        self.collect(pose.as_ref(), io.period_us());
+        let hearing = Hearing {
+            median: io.param(Self::MEDIAN),
+            sound: Sound::at(io.param(Self::AIR_C)),
+        };
+        self.collect(pose.as_ref(), io.period_us(), hearing);
         // Nobody shall act on half a picture: each sonar has been asked twice, so that the second
         // can bear out the first.
         if self.asked >= 2 * self.windows {
@@ -448,7 +491,7 @@ mod tests {
             let parts = pins.parts();
             let ring = SonarRing::new(parts.sonar_triggers, parts.echo_timers, Bearing::ALL);
             let mut bench = TaskBench::new(ring);
-            bench.period_us(40_000);
+            bench.period_us(40_000).param(Ring::AIR_C, 20.0);
             Self { pins, bench }
         }
 
@@ -549,6 +592,59 @@ mod tests {
             assert!(reading.age_ms.abs_diff(age_ms) <= 40, "{reading:?}");
         }
         assert!(!rig.bench.flag(Ring::FAULTY));
+    }
+
+    #[test]
+    fn with_the_median_what_is_nearer_is_believed_at_once_and_what_is_farther_at_the_second_ping() {
+        let pins = PinImage::new();
+        let mut rig = Rig::new(&pins);
+        rig.bench.param(Ring::MEDIAN, true);
+        // What it reads, and what that becomes.
+        for (echo_us, expected_m) in [
+            (2_914, None),
+            (2_914, None),
+            (2_914, Some(0.5)),
+            // A false long one, or none at all.
+            (11_655, Some(0.5)),
+            (2_914, Some(0.5)),
+            (2_914, Some(0.5)),
+            (EMPTY_US, Some(0.5)),
+            (2_914, Some(0.5)),
+            (EMPTY_US, Some(0.5)),
+            (2_914, Some(0.5)),
+            // A false short one is gone with the next ping.
+            (583, Some(0.1)),
+            (2_914, Some(0.5)),
+            // Somebody steps in, and away again.
+            (1_166, Some(0.2)),
+            (1_166, Some(0.2)),
+            (EMPTY_US, Some(0.2)),
+            (EMPTY_US, Some(4.0)),
+        ] {
+            rig.round([echo_us; SONARS]);
+            let reading = (rig.bench.output(Ring::RANGES)).map(|ranges| {
+                let reading = ranges.readings().next().unwrap();
+                reading.range_m.unwrap()
+            });
+            match (reading, expected_m) {
+                (Some(range_m), Some(expected_m)) => {
+                    assert!((range_m - expected_m).abs() < 1e-3, "{echo_us}: {range_m}");
+                }
+                _ => assert_eq!(reading, expected_m, "{echo_us}"),
+            }
+        }
+    }
+
+    #[test]
+    fn the_same_echo_is_from_nearer_in_cold_air() {
+        let pins = PinImage::new();
+        let mut rig = Rig::new(&pins);
+        for (air_c, expected_m) in [(20.0, 1.0), (0.0, 0.9653), (40.0, 1.0335)] {
+            rig.bench.param(Ring::AIR_C, air_c);
+            rig.round([5_828; SONARS]).round([5_828; SONARS]);
+            let range_m = rig.round([5_828; SONARS]).ranges().ahead_m();
+            assert!((range_m - expected_m).abs() < 1e-3, "{air_c}: {range_m}");
+        }
     }
 
     #[test]
@@ -695,6 +791,7 @@ mod tests {
             [echo_0, echo_1],
             [Bearing::Ahead, Bearing::Behind],
         ));
+        bench.param(Two::AIR_C, 20.0);
         let mut sensors = Sensors::default();
         (sensors.echo_us[0], sensors.echo_us[1]) = (5_828, EMPTY_US);
         pins.set_sensors(&sensors);

@@ -229,6 +229,9 @@ impl Ranges {
     /// Age of a range that was never measured.
     pub const NEVER_MS: u16 = u16::MAX;
 
+    /// The range where the robot touches something: none, but one that is known.
+    pub const TOUCHED_M: f32 = 0.001;
+
     /// Nothing is known, for there is no sonar.
     pub const NONE: Self = Self {
         sonars: 0,
@@ -307,6 +310,16 @@ impl Ranges {
     /// does not know, and where none looks there: what is unknown is never far.
     pub fn free_range(&self, sector: Sector) -> f32 {
         self.towards_m(sector.bearings()).unwrap_or(0.0)
+    }
+
+    /// The robot touches something there: for the sonars that look there it is at their noses.
+    pub fn touch(&mut self, bearing: Bearing) {
+        let rows = self.bearings.iter().zip(&mut self.range_m);
+        for ((looks, range_m), age_ms) in rows.zip(&mut self.age_ms) {
+            if *looks == bearing {
+                (*range_m, *age_ms) = (Self::TOUCHED_M, 0);
+            }
+        }
     }
 
     /// Straight ahead, in metres; 0 if it is not known.
@@ -408,6 +421,44 @@ impl PortType for ArrayRanges {
     const INIT: Self = Self::NONE;
 
     fields! { range_mm: [u16; 24] }
+}
+
+/// How fast the robot turns, as a gyroscope measures it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct YawRate {
+    /// Counter-clockwise, in radians per second.
+    pub yaw_rate_rad_per_s: f32,
+    /// Counts the measurements; wraps. Where it stays, nobody measures any more.
+    pub count: u8,
+}
+
+impl PortType for YawRate {
+    const NAME: &'static str = "YawRate";
+    const INIT: Self = Self {
+        yaw_rate_rad_per_s: 0.0,
+        count: 0,
+    };
+
+    fields! { yaw_rate_rad_per_s: f32, count: u8 }
+}
+
+/// What the robot touches with its bumpers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Contact {
+    /// Something on the left of its front.
+    pub left: bool,
+    /// Something on the right of its front.
+    pub right: bool,
+}
+
+impl PortType for Contact {
+    const NAME: &'static str = "Contact";
+    const INIT: Self = Self {
+        left: false,
+        right: false,
+    };
+
+    fields! { left: bool, right: bool }
 }
 
 /// State of the battery.

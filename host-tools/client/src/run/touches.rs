@@ -15,7 +15,7 @@ pub struct TouchSummary {
     pub x_m: f64,
     /// The same, upwards.
     pub y_m: f64,
-    /// What was touched: `wall` or `person`.
+    /// What was touched: `wall`, `low` or `person`.
     pub touched: &'static str,
     /// The person's line of the world's file, from 1.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -47,6 +47,7 @@ impl TouchSummary {
     fn of(touch: &Touch) -> Self {
         let (touched, line) = match touch.touched {
             Touched::Wall => ("wall", None),
+            Touched::Low => ("low", None),
             Touched::Person { line } => ("person", Some(line)),
         };
         let encounter = touch.encounter;
@@ -74,9 +75,10 @@ impl fmt::Display for TouchSummary {
             speed_m_per_s,
             ..
         } = self;
-        let touched = match self.line {
-            None => "a wall".to_owned(),
-            Some(line) => format!("the person of line {line}"),
+        let touched = match (self.line, self.touched) {
+            (Some(line), _) => format!("the person of line {line}"),
+            (None, "low") => "something low".to_owned(),
+            (None, _) => "a wall".to_owned(),
         };
         write!(
             f,

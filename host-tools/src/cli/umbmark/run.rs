@@ -32,6 +32,7 @@ Examples:
   esm umbmark run
   esm umbmark run --seeds 1..=10 -o squares.csv
   esm umbmark run --true-base-mm 206 --json
+  esm umbmark run --true-base-mm 206 --gyro=0.99
 
 With -o the table is kept that `esm umbmark squares.csv --side-mm 1000 --base-mm 201.5` reads.")]
 pub struct RunArgs {
@@ -49,6 +50,18 @@ pub struct RunArgs {
     #[arg(long, value_name = "B", value_parser = argument::measure)]
     pub true_base_mm: Option<f64>,
 
+    /// Takes how far the robot turns from its gyroscope, whose rates are multiplied by SCALE, 0.9
+    /// to 1.1
+    #[arg(
+        long,
+        value_name = "SCALE",
+        value_parser = gyro_scale,
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "1.0"
+    )]
+    pub gyro: Option<f64>,
+
     /// Where the table of the squares goes
     #[arg(short, long, value_name = "CSV")]
     pub output: Option<PathBuf>,
@@ -56,6 +69,14 @@ pub struct RunArgs {
     /// One JSON object, for programs
     #[arg(long)]
     pub json: bool,
+}
+
+/// The scale of a gyroscope, as the task `Gyro` takes it.
+fn gyro_scale(word: &str) -> Result<f64, String> {
+    let scale = word.parse::<f64>().ok();
+    scale
+        .filter(|scale| (0.9..=1.1).contains(scale))
+        .ok_or_else(|| "write a number from 0.9 to 1.1".to_owned())
 }
 
 /// The wheel base that the rover's firmware works with, in millimetres, as a person writes it.
@@ -89,7 +110,7 @@ pub fn evaluated(
     if let Some(true_base_mm) = args.true_base_mm {
         body.wheel_base_m = true_base_mm / 1e3;
     }
-    let course = Course::new(args.side_mm / 1e3, body)?;
+    let course = Course::new(args.side_mm / 1e3, body, args.gyro)?;
     let ways = [Direction::Clockwise, Direction::CounterClockwise];
     let work: Vec<(Direction, u64)> = (ways.into_iter())
         .flat_map(|way| args.seeds.0.clone().map(move |seed| (way, seed)))

@@ -27,7 +27,13 @@ use crate::world::World;
 /// The mission: counter-clockwise, with sides of 1 m.
 const SQUARE: &str = include_str!("square.esm");
 
-/// What in it says how long a side is, and which way the corners go.
+/// The same with a gyroscope.
+const SQUARE_WITH_GYRO: &str = include_str!("square_gyro.esm");
+
+/// What in it says with what the gyroscope's rates are multiplied.
+const SCALE: &str = "scale = 1.0";
+
+/// What in both says how long a side is, and which way the corners go.
 const SIDE: &str = "distance_m = 1.0";
 const TO_THE_LEFT: &str = " / set .left";
 
@@ -54,12 +60,22 @@ pub struct Squares {
 }
 
 impl Squares {
-    /// Squares with sides of `side_m`, driven by this body.
+    /// Squares with sides of `side_m`, driven by this body. With a scale its turns are measured by
+    /// the gyroscope, whose rates are multiplied by that.
     ///
     /// # Errors
     /// If the mission does not compile.
-    pub fn new(side_m: f64, body: BodyParameters) -> Result<Self, CommandError> {
-        let mission = |direction| Ok::<_, CommandError>((direction, square(direction, side_m)?));
+    pub fn new(
+        side_m: f64,
+        body: BodyParameters,
+        gyro_scale: Option<f64>,
+    ) -> Result<Self, CommandError> {
+        let text = match gyro_scale {
+            None => SQUARE.to_owned(),
+            Some(scale) => SQUARE_WITH_GYRO.replace(SCALE, &format!("scale = {scale:?}")),
+        };
+        let mission =
+            |direction| Ok::<_, CommandError>((direction, square(&text, direction, side_m)?));
         // Both ways round, with a side to spare everywhere.
         let far_m = 2.0 * side_m + 1.0;
         let hall = format!(
@@ -127,8 +143,8 @@ impl Squares {
 }
 
 /// The mission that goes round this way.
-fn square(direction: Direction, side_m: f64) -> Result<Mission, CommandError> {
-    let text = SQUARE.replace(SIDE, &format!("distance_m = {side_m:?}"));
+fn square(text: &str, direction: Direction, side_m: f64) -> Result<Mission, CommandError> {
+    let text = text.replace(SIDE, &format!("distance_m = {side_m:?}"));
     let text = match direction {
         Direction::Clockwise => text.replace(TO_THE_LEFT, ""),
         Direction::CounterClockwise => text,
@@ -178,6 +194,8 @@ mod tests {
         // That of the corners stands in a comment, too, without the blank.
         for what in [SIDE, TO_THE_LEFT] {
             assert_eq!(SQUARE.matches(what).count(), 1, "{what}");
+            assert_eq!(SQUARE_WITH_GYRO.matches(what).count(), 1, "{what}");
         }
+        assert_eq!(SQUARE_WITH_GYRO.matches(SCALE).count(), 1);
     }
 }

@@ -18,6 +18,8 @@ pub struct PathPicture {
     pub facts: Vec<String>,
     /// Walls: start and end.
     pub walls: Vec<[[f32; 2]; 2]>,
+    /// What is too low for sonars: start and end.
+    pub low: Vec<[[f32; 2]; 2]>,
     /// Rooms, to be tinted and labelled.
     pub rooms: Vec<Room>,
     /// Lines on the floor.
@@ -152,6 +154,11 @@ impl PathPicture {
                 .iter()
                 .map(|wall| [place(&wall.from), place(&wall.to)])
                 .collect(),
+            low: world
+                .low
+                .iter()
+                .map(|piece| [place(&piece.from), place(&piece.to)])
+                .collect(),
             rooms: world.rooms.iter().map(room).collect(),
             lines: world
                 .lines
@@ -186,6 +193,9 @@ impl PathPicture {
         for [from, to] in &self.walls {
             scene.line([map.place(*from), map.place(*to)], Stroke::solid(WALL, 2.6));
         }
+        for [from, to] in &self.low {
+            scene.line([map.place(*from), map.place(*to)], Stroke::solid(WALL, 1.0));
+        }
         self.draw_people(&tracks, &map, &mut taken, &mut scene);
         for track in &tracks {
             track.line(&mut scene);
@@ -212,7 +222,7 @@ impl PathPicture {
 
     /// Everything that the map must hold: least and greatest x and y.
     fn extent(&self) -> [[f32; 2]; 2] {
-        let walls = self.walls.iter().flatten().copied();
+        let walls = self.walls.iter().chain(&self.low).flatten().copied();
         let lines = self.lines.iter().flat_map(|line| line.ends);
         let rooms = self
             .rooms

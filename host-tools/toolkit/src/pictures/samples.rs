@@ -44,6 +44,7 @@ pub(super) fn flat() -> PathPicture {
             "4 rooms entered".into(),
         ],
         walls,
+        low: Vec::new(),
         rooms,
         lines: vec![FloorLine {
             ends: [[0.5, 3.5], [9.5, 4.0]],

@@ -1,4 +1,5 @@
-//! Motors, wheels, battery, and the body that they push over the floor, into walls and people.
+//! Motors, wheels, battery, and the body that they push over the floor, into walls and people;
+//! the bumpers before it.
 
 use crate::world::{Circle, Point};
 
@@ -19,6 +20,14 @@ const STEP_S: f64 = STEP_US as f64 / 1e6;
 /// A touch ends when the body is this far from all walls and people, in metres; less would count
 /// one scrape many times.
 const CONTACT_END_M: f64 = 0.005;
+
+/// How far the body's bumpers give way until their switches close, seen from their rest, in metres:
+/// they stand so far before the body. The switches of common bumpers close within 1 to 4 mm.
+const BUMPER_M: f64 = 0.003;
+
+/// Both bumpers give way to what pushes so near to the middle of the front, as an angle to each
+/// side: there they overlap.
+const BOTH_BUMPERS_RAD: f64 = 0.2;
 
 /// One motor with its wheel.
 #[derive(Clone, Copy, Debug, Default)]
@@ -215,6 +224,26 @@ impl Drive {
             self.in_contact = false;
         }
         true
+    }
+
+    /// Which bumpers are pushed, left and right: those on whose side of the front something is
+    /// nearer to the body than they stand before it.
+    pub fn bumpers_pushed(&self) -> [bool; 2] {
+        let reach_m = self.body.radius_m + BUMPER_M;
+        if self.clearance_m > reach_m {
+            return [false; 2];
+        }
+        let Point { x_m, y_m } = self.pose.position;
+        let (sin, cos) = libm::sincos(self.pose.heading_rad);
+        let near = self.obstacles.near_points(self.pose.position, reach_m);
+        let sides = near.map(|point| {
+            let (x_m, y_m) = (point.x_m - x_m, point.y_m - y_m);
+            let (ahead_m, left_m) = (x_m * cos + y_m * sin, y_m * cos - x_m * sin);
+            let angle_rad = libm::atan2(left_m, ahead_m);
+            let is_in_front = angle_rad.abs() <= core::f64::consts::FRAC_PI_2;
+            [angle_rad, -angle_rad].map(|to_side| is_in_front && to_side > -BOTH_BUMPERS_RAD)
+        });
+        sides.fold([false; 2], |a, b| [a[0] || b[0], a[1] || b[1]])
     }
 
     /// What the encoder of `wheel` counts.

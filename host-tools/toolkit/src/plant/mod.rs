@@ -1,7 +1,8 @@
 //! The plant: a simulated robot's body in a [`World`], seen through its pins.
 //!
 //! Differential drive with lagging, unequal motors and slipping wheels, encoders, a ring of sonars,
-//! a sagging battery, walls and people that stop the body, sensors that tell a dark line from a
+//! a sagging battery, walls and people that stop the body, bumpers on the left and on the right of
+//! its front, a gyroscope with bias, scale error and noise, sensors that tell a dark line from a
 //! light floor.
 //! Emulated board and host board drive this same model, by the messages of `rt_firmware::body`.
 //!
@@ -14,7 +15,7 @@
 //! | ADC input | reads |
 //! |---|---|
 //! | 0 | the battery through its divider |
-//! | 1 | a bumper: full scale while the body touches a wall or a person, else 0 |
+//! | 1 | a contact all around: full scale while the body touches a wall or a person, else 0 |
 //! | 2 | the current that the battery gives, full scale at 4 A |
 //! | 3 | auxiliary output 0 looped back: full scale while it is high, else 0 |
 //! | 4, 5, 6 | the floor's darkness under the left, middle and right line sensor |
@@ -22,6 +23,7 @@
 mod drive;
 mod floor;
 mod free_way;
+mod gyro;
 mod noise;
 mod obstacles;
 mod parameters;
@@ -38,8 +40,8 @@ use rt_firmware::body::{
 
 pub use noise::{Noise, Source};
 pub use parameters::{
-    BatteryParameters, BodyParameters, FloorParameters, GripParameters, MotorParameters,
-    SLIP_WINDOW_MS, SonarParameters,
+    BatteryParameters, BodyParameters, FloorParameters, GripParameters, GyroParameters,
+    MotorParameters, SLIP_WINDOW_MS, SonarParameters,
 };
 pub use pose::BodyPose;
 pub use recorded::{RecordedRanges, TableError};
@@ -49,6 +51,7 @@ pub use touch::{Encounter, Touch, Touched};
 
 use crate::world::{Person, World};
 use drive::{Drive, STEP_US};
+use gyro::Gyro;
 use obstacles::Obstacles;
 use recorded::Feed;
 use sonar::Sonars;
@@ -113,6 +116,7 @@ pub struct Plant {
     noise: Noise,
     drive: Drive,
     sonars: Sonars,
+    gyro: Gyro,
     aux_outputs: u8,
     now_us: u64,
     statistics: Statistics,
@@ -127,7 +131,8 @@ impl Plant {
             heading_rad: world.start.heading_deg * core::f64::consts::PI / 180.0,
         };
         let obstacles = Obstacles::new(&world);
-        let distance_m = obstacles.distance_to_walls_m(pose.position);
+        let walls_m = obstacles.distance_to_walls_m(pose.position);
+        let distance_m = walls_m.min(obstacles.distance_to_low_m(pose.position));
         if distance_m < body.radius_m {
             return Err(PlantError::StartInWall {
                 world: world.name,
@@ -155,6 +160,7 @@ impl Plant {
             noise: Noise::new(seed),
             drive,
             sonars: Sonars::new(body.sonar),
+            gyro: Gyro::new(body.gyro, pose.heading_rad),
             aux_outputs: 0,
             now_us: 0,
             statistics,
@@ -174,6 +180,10 @@ impl Plant {
                 self.statistics.add_touch(touch);
             }
             let end_us = (step + 1) * STEP_US;
+            if end_us.is_multiple_of(gyro::PERIOD_US) {
+                let heading_rad = self.drive.pose.heading_rad;
+                self.gyro.measure(end_us, heading_rad, &self.noise);
+            }
             if end_us.is_multiple_of(Statistics::SAMPLE_PERIOD_US) {
                 self.statistics.sample(end_us, self.drive.pose, &self.world);
             }
@@ -221,6 +231,8 @@ impl Plant {
             echo_high,
             adc_counts: self.adc_counts(),
             stop_is_low: false,
+            bumper_is_low: self.drive.bumpers_pushed(),
+            yaw_counts: self.gyro.counts(),
         }
     }
 

@@ -24,6 +24,11 @@ pub enum Source {
         /// The sonar.
         sonar: u8,
     },
+    /// Whether a noisy sonar hears something else, and from where.
+    Stray {
+        /// The sonar.
+        sonar: u8,
+    },
     /// Noise of the battery's ADC input.
     Battery,
     /// Noise of the ADC input of a sensor that looks at the floor.
@@ -31,6 +36,10 @@ pub enum Source {
         /// The sensor.
         sensor: u8,
     },
+    /// The bias with which the gyroscope was switched on.
+    GyroBias,
+    /// Noise of the gyroscope.
+    Gyro,
     /// Which sonar dies, and when.
     DeadSonar,
     /// By how much earlier or later a person steps in.
@@ -52,9 +61,12 @@ impl Source {
             Self::RightSlip => 2,
             Self::Battery => 3,
             Self::DeadSonar => 4,
+            Self::GyroBias => 5,
+            Self::Gyro => 6,
             Self::Range { sonar } => 0x100 + u64::from(sonar),
             Self::Miss { sonar } => 0x200 + u64::from(sonar),
             Self::Floor { sensor } => 0x300 + u64::from(sensor),
+            Self::Stray { sonar } => 0x400 + u64::from(sonar),
             Self::StepIn { person } => 0x1_0000 + u64::from(person),
             Self::StepAway { person } => 0x2_0000 + u64::from(person),
         }

@@ -1,13 +1,14 @@
-//! Obstacles: the walls of a world, and those of its people who stand there now.
+//! Obstacles: the walls of a world, what is low in it, and those of its people who stand there now.
 
 use crate::world::{Circle, Hit, Person, Point, Segment, World};
 
 use super::touch::Touched;
 
-/// What stops the body, and what sonars hear.
+/// What stops the body. Sonars hear all of it but what is low.
 #[derive(Clone, Debug)]
 pub(super) struct Obstacles {
     walls: Vec<Segment>,
+    low: Vec<Segment>,
     people: Vec<Visitor>,
 }
 
@@ -27,6 +28,7 @@ impl Obstacles {
         };
         Self {
             walls: world.walls.clone(),
+            low: world.low.clone(),
             people: world.people.iter().map(visitor).collect(),
         }
     }
@@ -39,24 +41,45 @@ impl Obstacles {
 
     /// Distance from `point` to the nearest wall, in metres.
     pub fn distance_to_walls_m(&self, point: Point) -> f64 {
-        let squared_m2 = self
-            .walls
-            .iter()
-            .map(|wall| wall.squared_distance_m2(point))
-            .fold(f64::INFINITY, f64::min);
-        libm::sqrt(squared_m2)
+        distance_to_m(&self.walls, point)
     }
 
-    /// Distance from `point` to the nearest wall or person, in metres; negative inside a person.
+    /// Distance from `point` to the nearest thing that is low, in metres.
+    pub fn distance_to_low_m(&self, point: Point) -> f64 {
+        distance_to_m(&self.low, point)
+    }
+
+    /// Distance from `point` to the nearest wall, low thing or person, in metres; negative inside a
+    /// person.
     pub fn distance_m(&self, point: Point) -> f64 {
+        let still_m = (self.distance_to_walls_m(point)).min(self.distance_to_low_m(point));
         (self.people())
             .map(|person| person.circle.distance_m(point))
-            .fold(self.distance_to_walls_m(point), f64::min)
+            .fold(still_m, f64::min)
+    }
+
+    /// The point nearest to `point` of each obstacle that is nearer than `within_m`.
+    pub fn near_points(&self, point: Point, within_m: f64) -> impl Iterator<Item = Point> {
+        let pieces = self.walls.iter().chain(&self.low);
+        let pieces = pieces.map(move |piece| piece.nearest_to(point));
+        let people = self
+            .people()
+            .map(move |person| person.circle.nearest_to(point));
+        let is_near =
+            move |nearest: &Point| point.squared_distance_m2(*nearest) < within_m * within_m;
+        pieces.chain(people).filter(is_near)
     }
 
     /// What is nearest to `point`; a wall, where a person is as near.
     pub fn nearest(&self, point: Point) -> Touched {
-        let walls = (Touched::Wall, self.distance_to_walls_m(point));
+        let (wall_m, low_m) = (
+            self.distance_to_walls_m(point),
+            self.distance_to_low_m(point),
+        );
+        let walls = match low_m < wall_m {
+            true => (Touched::Low, low_m),
+            false => (Touched::Wall, wall_m),
+        };
         let people = self.people().map(|person| {
             let touched = Touched::Person { line: person.line };
             (touched, person.circle.distance_m(point))
@@ -64,7 +87,8 @@ impl Obstacles {
         people.fold(walls, |a, b| if b.1 < a.1 { b } else { a }).0
     }
 
-    /// The first wall or person that the ray from `origin` along the unit vector `direction` meets.
+    /// The first wall or person, of those that sonars hear, that the ray from `origin` along the
+    /// unit vector `direction` meets.
     pub fn hit_by_ray(&self, origin: Point, direction: Point) -> Option<Hit> {
         let walls = self.walls.iter();
         let walls = walls.filter_map(|wall| wall.hit_by_ray(origin, direction));
@@ -93,4 +117,12 @@ impl Obstacles {
         }
         (changed, stepped_in)
     }
+}
+
+/// Distance from `point` to the nearest of these pieces, in metres.
+fn distance_to_m(pieces: &[Segment], point: Point) -> f64 {
+    let squared_m2 = (pieces.iter())
+        .map(|piece| piece.squared_distance_m2(point))
+        .fold(f64::INFINITY, f64::min);
+    libm::sqrt(squared_m2)
 }

@@ -1,4 +1,4 @@
-//! The numbers that make a body: geometry, motors, battery, sonars, line sensors.
+//! The numbers that make a body: geometry, motors, battery, sonars, line sensors, gyroscope.
 //!
 //! They are those of the real thing, so to speak: the firmware has its own, calibrated ones
 //! (`rt_firmware::rover`), and the two are equal only as far as a person with a ruler gets them
@@ -25,6 +25,8 @@ pub struct BodyParameters {
     pub sonar: SonarParameters,
     /// The sensors that look at the floor, all alike.
     pub floor: FloorParameters,
+    /// The gyroscope.
+    pub gyro: GyroParameters,
 }
 
 /// A gear motor with its wheel.
@@ -93,6 +95,8 @@ pub struct SonarParameters {
     pub noise_part: f64,
     /// Probability that an echo is not heard.
     pub miss_probability: f64,
+    /// Temperature of the air, in °C, which says how fast sound is.
+    pub air_c: f64,
 }
 
 /// A row of sensors under the body's front: an infrared LED and a phototransistor each, with a
@@ -112,6 +116,23 @@ pub struct FloorParameters {
     pub line_counts: f64,
     /// Standard deviation of a conversion, in counts.
     pub noise_counts: f64,
+}
+
+/// A gyroscope: that of a BMI160. The numbers are of its data sheet (Bosch Sensortec,
+/// BST-BMI160-DS000, section 1, table of the gyroscope), which names typical ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GyroParameters {
+    /// The largest bias when it is switched on, to both sides, in degrees per second; the seed says
+    /// which one it is. The data sheet has 3 °/s.
+    pub bias_deg_per_s: f64,
+    /// By how much the bias grows in each second, in degrees per second: 0.05 °/s for each kelvin,
+    /// as the data sheet says, of a body that gets warmer by 5 K in ten minutes.
+    pub drift_deg_per_s2: f64,
+    /// By which part its rates are too large. The data sheet allows 3 %; 1 % is a usual one.
+    pub scale_error: f64,
+    /// Standard deviation of a measurement, in degrees per second. The data sheet has 0.07 °/s at
+    /// 47 Hz.
+    pub noise_deg_per_s: f64,
 }
 
 impl Default for BodyParameters {
@@ -151,6 +172,7 @@ impl Default for BodyParameters {
                 noise_m: 0.002,
                 noise_part: 0.004,
                 miss_probability: 0.02,
+                air_c: 20.0,
             },
             floor: FloorParameters {
                 ahead_m: 0.09,
@@ -159,6 +181,12 @@ impl Default for BodyParameters {
                 floor_counts: 460.0,
                 line_counts: 3_400.0,
                 noise_counts: 12.0,
+            },
+            gyro: GyroParameters {
+                bias_deg_per_s: 3.0,
+                drift_deg_per_s2: 0.05 * 5.0 / 600.0,
+                scale_error: 0.01,
+                noise_deg_per_s: 0.07,
             },
         }
     }

@@ -18,6 +18,10 @@ use super::recorded::Feed;
 /// Speed of sound at 20 °C.
 const SOUND_M_PER_S: f64 = 343.2;
 
+/// 20 °C and 0 °C in kelvin.
+const ROOM_K: f64 = 293.15;
+const ZERO_C_K: f64 = 273.15;
+
 /// Time from a trigger to the rising edge of the echo pin, in microseconds: eight periods of the
 /// burst of 40 kHz, and as much again to get ready.
 const BURST_US: u64 = 400;
@@ -32,6 +36,9 @@ const LONGEST_ECHO_US: u64 = 24_000;
 /// Echo time of a blind sonar, in microseconds: it hears its own burst, from 3 cm.
 const BLIND_ECHO_US: u64 = 175;
 
+/// The part of its pings to which a noisy sonar hears something else.
+const STRAY_PROBABILITY: f64 = 0.1;
+
 /// Rays that stand for one beam.
 const RAYS: u8 = 7;
 
@@ -44,14 +51,20 @@ pub enum SonarFault {
     Deaf,
     /// It hears its own burst, each time, and so sees something at its nose.
     Blind,
+    /// One ping in ten brings an echo that is not of what is before it: of another sonar's burst,
+    /// or of its own one before (Borenstein and Koren, "Error eliminating rapid ultrasonic firing
+    /// for mobile robot obstacle avoidance", IEEE Trans. Robotics and Automation 11(1), 1995,
+    /// section II). It may be from anywhere in its reach, nearer or farther.
+    Noisy,
 }
 
 impl SonarFault {
     /// All of them, with their names.
-    pub const NAMES: [(Self, &'static str); 3] = [
+    pub const NAMES: [(Self, &'static str); 4] = [
         (Self::Dead, "dead"),
         (Self::Deaf, "deaf"),
         (Self::Blind, "blind"),
+        (Self::Noisy, "noisy"),
     ];
 }
 
@@ -102,9 +115,11 @@ impl Sonar {
                 Some(heard_us.unwrap_or(PATIENCE_US))
             }
         };
+        let ping = self.pings;
         self.pings += 1;
         let width_us = match self.fault {
             None => answer_us,
+            Some(SonarFault::Noisy) => parameters.stray_us(index, ping, place).or(answer_us),
             Some(SonarFault::Deaf) => Some(PATIENCE_US),
             Some(SonarFault::Blind) => Some(BLIND_ECHO_US),
             Some(SonarFault::Dead) => None,
@@ -283,8 +298,24 @@ impl SonarParameters {
         let true_range_m = self.range_m(pose.position, heading_rad, obstacles)?;
         let deviation_m = self.noise_m + self.noise_part * true_range_m;
         let range_m = true_range_m + deviation_m * noise.bell(Source::Range { sonar }, ping);
-        let echo_us = (2e6 * range_m.max(self.min_range_m) / SOUND_M_PER_S) as u64;
+        let echo_us = (2e6 * range_m.max(self.min_range_m) / self.sound_m_per_s()) as u64;
         (echo_us < LONGEST_ECHO_US).then_some(echo_us)
+    }
+
+    /// How fast sound is: it grows with the root of the absolute temperature, as in an ideal gas.
+    fn sound_m_per_s(&self) -> f64 {
+        SOUND_M_PER_S * libm::sqrt((self.air_c + ZERO_C_K) / ROOM_K)
+    }
+
+    /// Time to an echo of something else, if a noisy sonar hears one to this ping.
+    fn stray_us(&self, sonar: u8, ping: u64, place: &Place<'_>) -> Option<u64> {
+        let draw = |index| place.noise.uniform(Source::Stray { sonar }, index);
+        if draw(2 * ping) >= STRAY_PROBABILITY {
+            return None;
+        }
+        let reach_m = self.max_range_m - self.min_range_m;
+        let range_m = self.min_range_m + reach_m * draw(2 * ping + 1);
+        Some((2e6 * range_m / self.sound_m_per_s()) as u64)
     }
 
     /// The nearest wall or person in the beam, in metres from the rim.

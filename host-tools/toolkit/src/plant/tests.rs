@@ -316,6 +316,116 @@ fn a_sonar_that_sees_nothing_says_so_and_a_broken_one_says_what_it_can() {
 }
 
 #[test]
+fn a_noisy_sonar_hears_something_else_in_one_ping_of_ten() {
+    let open = "world open\nstart 2,2 0\nwall 3,0 3,4";
+    let mut plant = plant(World::parse(open).unwrap());
+    plant.break_sonar(0, SonarFault::Noisy);
+    let pings = [(ANSWERED_US, ALL_SONARS); 2_000];
+    let (mut nearer, mut farther) = (0, 0);
+    for sensors in drive(&mut plant, &pings, ANSWERED_US) {
+        // The wall is 0.89 m away; an echo is missed now and then.
+        match sensors.echo_us[0] {
+            0..5_000 => nearer += 1,
+            5_400..30_000 => farther += 1,
+            _ => {}
+        }
+    }
+    // 0.87 m of the 3.98 m of its reach are nearer, 3.07 m are farther.
+    assert!((25..65).contains(&nearer), "{nearer}");
+    assert!((115..190).contains(&farther), "{farther}");
+}
+
+#[test]
+fn an_echo_takes_longer_in_cold_air() {
+    let echo_us = |air_c| {
+        let mut body = BodyParameters::default();
+        body.sonar.air_c = air_c;
+        let world = World::parse("world open\nstart 2,2 0\nwall 3,0 3,4").unwrap();
+        let mut plant = Plant::new(world, body, 1).unwrap();
+        let sensors = &drive(&mut plant, &[(ANSWERED_US, ALL_SONARS)], ANSWERED_US)[0];
+        f64::from(sensors.echo_us[0])
+    };
+    // The root of 293.15 by 273.15.
+    let longer = echo_us(0.0) / echo_us(20.0);
+    assert!((longer - 1.036).abs() < 1e-3, "{longer}");
+}
+
+#[test]
+fn bumpers_are_pushed_on_the_side_where_something_is() {
+    // A wall, or something low, 0.1 m before the body, at an angle to where it looks.
+    for (heading_deg, expected) in [
+        (0, [true, true]),
+        (10, [true, true]),
+        (-45, [true, false]),
+        (45, [false, true]),
+        (-85, [true, false]),
+        (95, [false, false]),
+        (180, [false, false]),
+    ] {
+        for kind in ["wall", "low"] {
+            let world = format!(
+                "world cell\nstart 1,1 {heading_deg}\nwall 0,0 0,2\n{kind} 1.122,0 1.122,2"
+            );
+            let plant = plant(World::parse(&world).unwrap());
+            assert_eq!(
+                plant.sensors().bumper_is_low,
+                expected,
+                "{kind} at {heading_deg}"
+            );
+        }
+        let world =
+            format!("world cell\nstart 1,1 {heading_deg}\nwall 0,0 0,2\nwall 1.124,0 1.124,2");
+        let plant = plant(World::parse(&world).unwrap());
+        assert_eq!(plant.sensors().bumper_is_low, [false; 2], "{heading_deg}");
+    }
+}
+
+#[test]
+fn what_is_low_stops_the_body_and_is_not_heard() {
+    let world = World::parse("world step\nstart 1,1 0\nwall 3,0 3,2\nlow 1.5,0 1.5,2").unwrap();
+    let mut plant = plant(world);
+    let echo_us = drive(&mut plant, &[(ANSWERED_US, ALL_SONARS)], 5_000)[0].echo_us[0];
+    // The wall is 1.89 m before the sonar.
+    assert!((10_800..11_200).contains(&echo_us), "{echo_us}");
+    drive(&mut plant, &[(3_000_000, duties(400, 400))], 5_000);
+    assert_eq!(plant.collisions(), 1);
+    let touch = plant.statistics().touches()[0];
+    assert_eq!((touch.touched, touch.avoidable), (Touched::Low, false));
+    let x_m = plant.pose().position.x_m;
+    assert!((1.375..1.381).contains(&x_m), "{x_m}");
+    assert_eq!(plant.sensors().bumper_is_low, [true; 2]);
+}
+
+#[test]
+fn the_gyroscope_has_bias_noise_and_a_scale_error() {
+    let mut mean_bias = Vec::new();
+    for seed in 1..=20 {
+        let mut plant = Plant::new(cell(), BodyParameters::default(), seed).unwrap();
+        let mean = |sensors: &[Sensors]| {
+            let sum: f64 = sensors.iter().map(|it| f64::from(it.yaw_counts)).sum();
+            sum / sensors.len() as f64 / 131.2
+        };
+        let still = [(10_000, duties(0, 0)); 200];
+        let standing = drive(&mut plant, &still, 10_000);
+        let bias = mean(&standing);
+        assert!(bias.abs() < 3.1, "seed {seed}: {bias}");
+        let squares = standing
+            .iter()
+            .map(|it| f64::from(it.yaw_counts) / 131.2 - bias);
+        let variance = squares.map(|off| off * off).sum::<f64>() / standing.len() as f64;
+        assert!((0.05..0.09).contains(&libm::sqrt(variance)), "seed {seed}");
+        mean_bias.push(bias);
+        drive(&mut plant, &[(1_000_000, duties(-300, 300))], 10_000);
+        let before_rad = plant.pose().heading_rad;
+        let turning = drive(&mut plant, &[(10_000, duties(-300, 300)); 100], 10_000);
+        let turned_deg = (plant.pose().heading_rad - before_rad) * 180.0 / core::f64::consts::PI;
+        let scale = (mean(&turning) - bias) / turned_deg;
+        assert!((scale - 1.01).abs() < 0.002, "seed {seed}: {scale}");
+    }
+    assert!(mean_bias.iter().any(|bias| *bias > 1.0) && mean_bias.iter().any(|bias| *bias < -1.0));
+}
+
+#[test]
 fn the_battery_sags_under_load_and_empties() {
     let mut plant = plant(cell());
     let rest = plant.sensors().adc_counts[BATTERY_CHANNEL];
@@ -493,10 +603,16 @@ fn a_request_far_in_the_future_advances_by_the_limit() {
 /// only if the model does.
 #[test]
 fn a_minute_is_equal_to_the_bit_on_every_machine() {
-    const GOLDEN: u64 = 0x452E_38DE_305F_D6F7;
+    const GOLDEN: u64 = 0x86D2_026D_0D40_ED3B;
+    /// The same without what the gyroscope counts, which changes nothing of the rest.
+    const WITHOUT_GYRO: u64 = 0x452E_38DE_305F_D6F7;
+    const GYRO_BYTES: core::ops::Range<usize> = 39..41;
     let yard = "world yard\nstart 2,2 10\nwall 0,0 6,0 6.5,5 0,4.5 0,0\nwall 4,2 4.2,2 4.1,2.3 4,2";
     let mut plant = plant(World::parse(yard).unwrap());
-    let mut hash = 0xCBF2_9CE4_8422_2325_u64; // FNV-1a
+    let fnv_1a = |hash: &mut u64, byte: u8| {
+        *hash = (*hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01B3);
+    };
+    let (mut hash, mut without_gyro) = (0xCBF2_9CE4_8422_2325_u64, 0xCBF2_9CE4_8422_2325_u64);
     for slot in 0..3_000_u64 {
         let phase = (slot % 200) as i16;
         let reply = plant.exchange(&Request {
@@ -513,14 +629,18 @@ fn a_minute_is_equal_to_the_bit_on_every_machine() {
         });
         let pose = plant.pose();
         let pose_bits = [pose.position.x_m, pose.position.y_m, pose.heading_rad].map(f64::to_bits);
-        for byte in
-            (reply.encode().into_iter()).chain(pose_bits.into_iter().flat_map(u64::to_le_bytes))
-        {
-            hash = (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01B3);
+        let bytes =
+            (reply.encode().into_iter()).chain(pose_bits.into_iter().flat_map(u64::to_le_bytes));
+        for (place, byte) in bytes.enumerate() {
+            fnv_1a(&mut hash, byte);
+            if !GYRO_BYTES.contains(&place) {
+                fnv_1a(&mut without_gyro, byte);
+            }
         }
     }
     assert_eq!(plant.collisions(), 0, "a wall would hide differences");
     assert_eq!(hash, GOLDEN, "{hash:#018X}");
+    assert_eq!(without_gyro, WITHOUT_GYRO, "{without_gyro:#018X}");
 }
 
 #[test]

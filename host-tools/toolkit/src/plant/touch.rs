@@ -1,10 +1,11 @@
 //! Touches, and the oracle: whether a robot that obeys its stop distance could have avoided them.
 //!
-//! A wall is always there: who touches one could have avoided it. A person steps in at a time. What
-//! counts is how the robot moved then. Its *needed way* is what it drives on while it reacts, and
-//! then until its brakes have stopped it, by the numbers of `SafetyCheck`. Its *free way* is what
-//! is free along its movement, up to that person. Where the free way is no longer than the needed
-//! way, no brakes help.
+//! A wall is always there: who touches one could have avoided it. What is low no sonar hears: a
+//! robot finds it by touching it, and no touch of it could have been avoided. A person steps in at
+//! a time. What counts is how the robot moved then. Its *needed way* is what it drives on while it
+//! reacts, and then until its brakes have stopped it, by the numbers of `SafetyCheck`. Its *free
+//! way* is what is free along its movement, up to that person. Where the free way is no longer than
+//! the needed way, no brakes help.
 //!
 //! That excuse ends when the robot has stood still for as long as it takes to react, for brakes may
 //! swing through a standstill, or has driven more than the needed way: from
@@ -21,6 +22,8 @@ use super::free_way::Movement;
 pub enum Touched {
     /// A wall.
     Wall,
+    /// Something that is too low for sonars.
+    Low,
     /// A person.
     Person {
         /// The person's line of the world's file, from 1.
@@ -143,7 +146,7 @@ impl Oracle {
         driven_m: f64,
     ) -> Touch {
         let met = match touched {
-            Touched::Wall => None,
+            Touched::Wall | Touched::Low => None,
             Touched::Person { line } => self.met.iter().find(|met| met.line == line),
         };
         let is_excused = met.is_some_and(|met| {
@@ -156,7 +159,7 @@ impl Oracle {
             touched,
             speed_m_per_s,
             encounter: met.map(|met| met.encounter),
-            avoidable: !is_excused,
+            avoidable: !is_excused && touched != Touched::Low,
         }
     }
 }
@@ -228,6 +231,8 @@ mod tests {
             let touch = judge(Touched::Person { line: 4 });
             assert_eq!(touch.avoidable, avoidable, "{what}");
             assert_eq!(touch.encounter, Some(encounter), "{what}");
+            let low = judge(Touched::Low);
+            assert!(!low.avoidable && low.encounter.is_none(), "{low:?}");
             for touched in [Touched::Wall, Touched::Person { line: 5 }] {
                 let touch = judge(touched);
                 assert!(touch.avoidable && touch.encounter.is_none(), "{touch:?}");

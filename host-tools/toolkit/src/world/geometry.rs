@@ -54,14 +54,19 @@ pub struct Hit {
 impl Segment {
     /// Square of the shortest distance from `point`, in m².
     pub fn squared_distance_m2(&self, point: Point) -> f64 {
+        point.squared_distance_m2(self.nearest_to(point))
+    }
+
+    /// Its point that is nearest to `point`.
+    pub fn nearest_to(&self, point: Point) -> Point {
         let (along_x, along_y) = (self.to.x_m - self.from.x_m, self.to.y_m - self.from.y_m);
         let (x_m, y_m) = (point.x_m - self.from.x_m, point.y_m - self.from.y_m);
         let share = (x_m * along_x + y_m * along_y) / (along_x * along_x + along_y * along_y);
         let share = share.clamp(0.0, 1.0);
-        point.squared_distance_m2(Point::new(
+        Point::new(
             self.from.x_m + share * along_x,
             self.from.y_m + share * along_y,
-        ))
+        )
     }
 
     /// Where the ray from `origin` along the unit vector `direction` meets the segment, if it does.
@@ -89,6 +94,20 @@ impl Circle {
     /// Distance from `point` to the circle, in metres; negative inside.
     pub fn distance_m(&self, point: Point) -> f64 {
         libm::sqrt(self.centre.squared_distance_m2(point)) - self.radius_m
+    }
+
+    /// Its point that is nearest to `point`; to its centre, that to the right of it.
+    pub fn nearest_to(&self, point: Point) -> Point {
+        let (x_m, y_m) = (point.x_m - self.centre.x_m, point.y_m - self.centre.y_m);
+        let distance_m = libm::sqrt(x_m * x_m + y_m * y_m);
+        let (x, y) = match distance_m > 0.0 {
+            true => (x_m / distance_m, y_m / distance_m),
+            false => (1.0, 0.0),
+        };
+        Point::new(
+            self.centre.x_m + self.radius_m * x,
+            self.centre.y_m + self.radius_m * y,
+        )
     }
 
     /// Where the ray from `origin` along the unit vector `direction` meets the circle from outside,
@@ -187,6 +206,19 @@ mod tests {
         ] {
             assert_eq!(PILLAR.distance_m(point), expected_m, "{point:?}");
         }
+    }
+
+    #[test]
+    fn the_nearest_point_of_a_circle_is_on_its_rim() {
+        for (point, expected) in [
+            (Point::new(0.0, 0.0), Point::new(2.0, 0.0)),
+            (Point::new(3.0, 5.0), Point::new(3.0, 1.0)),
+            (Point::new(3.0, -0.5), Point::new(3.0, -1.0)),
+            (PILLAR.centre, Point::new(4.0, 0.0)),
+        ] {
+            assert_eq!(PILLAR.nearest_to(point), expected, "{point:?}");
+        }
+        assert_eq!(WALL.nearest_to(Point::new(4.0, 5.0)), Point::new(1.0, 1.0));
     }
 
     #[test]

@@ -8,6 +8,7 @@
 //! world cell                        # the name, once
 //! start 1.0,1.5 90                  # where the robot's centre is and which way it looks, once
 //! wall 0,0 3,0 3,3 0,3 0,0          # a line of walls through two points or more
+//! low 2,2 2.5,2 2.5,2.5             # the same, but too low for a sonar to hear
 //! room cell 0,0 3,0 3,3 0,3         # a named area, three corners or more; walls are not drawn by it
 //! line 0.02 1,1 2,1 2,2             # a dark line on the light floor: its width, then two points or more
 //! person 2,1 0.25 from 5 s to 9 s   # somebody who stands in the way: centre, radius, when
@@ -29,7 +30,8 @@ pub use geometry::{Circle, Hit, Point, Segment, is_inside};
 /// any loss of precision.
 pub const COORDINATE_LIMIT_M: f64 = 1_000.0;
 
-/// The most wall segments of a world: each ray of each ping looks at all of them.
+/// The most wall segments of a world, low ones among them: each ray of each ping looks at all
+/// others.
 pub const WALL_LIMIT: usize = 4_096;
 
 /// The most pieces of lines of a world: each reading of each sensor looks at all of them.
@@ -56,6 +58,8 @@ pub struct World {
     pub start: StartPose,
     /// All walls.
     pub walls: Vec<Segment>,
+    /// What stops a robot and is too low for its sonars: doorsteps, the edges of low boxes.
+    pub low: Vec<Segment>,
     /// All rooms, in the order of the file.
     pub rooms: Vec<Room>,
     /// All pieces of the lines on the floor.
@@ -151,9 +155,9 @@ pub enum WorldError {
 /// What is wrong with a line of a world file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LineError {
-    /// The line's first word is none of the six.
+    /// The line's first word is none of the seven.
     #[error(
-        "`{word}` starts no entry; a line starts with `world`, `start`, `wall`, `room`, `line` or `person`"
+        "`{word}` starts no entry; a line starts with `world`, `start`, `wall`, `low`, `room`, `line` or `person`"
     )]
     UnknownEntry {
         /// The word.
@@ -236,6 +240,7 @@ pub enum LineError {
 const WORLD_FORM: &str = "world NAME";
 const START_FORM: &str = "start X,Y HEADING_DEG";
 const WALL_FORM: &str = "wall X,Y X,Y …";
+const LOW_FORM: &str = "low X,Y X,Y …";
 const ROOM_FORM: &str = "room NAME X,Y X,Y X,Y …";
 const LINE_FORM: &str = "line WIDTH X,Y X,Y …";
 const PERSON_FORM: &str = "person X,Y RADIUS [from TIME] [to TIME]";
@@ -271,7 +276,8 @@ impl World {
     /// The rectangle around walls, rooms, lines, people and start.
     pub fn bounds(&self) -> Bounds {
         let lines = self.lines.iter().map(|line| &line.middle);
-        let ends = (self.walls.iter().chain(lines)).flat_map(|piece| [piece.from, piece.to]);
+        let solid = self.walls.iter().chain(&self.low);
+        let ends = (solid.chain(lines)).flat_map(|piece| [piece.from, piece.to]);
         let corners = self
             .rooms
             .iter()
@@ -300,6 +306,7 @@ struct Draft {
     name: Option<String>,
     start: Option<StartPose>,
     walls: Vec<Segment>,
+    low: Vec<Segment>,
     rooms: Vec<Room>,
     lines: Vec<LinePiece>,
     people: Vec<Person>,
@@ -317,6 +324,7 @@ impl Draft {
             "world" => self.add_name(&words),
             "start" => self.add_start(&words),
             "wall" => self.add_wall(&words),
+            "low" => self.add_low(&words),
             "room" => self.add_room(&words),
             "line" => self.add_line(&words),
             "person" => self.add_person(line, &words),
@@ -352,7 +360,12 @@ impl Draft {
 
     fn add_wall(&mut self, words: &[&str]) -> Result<(), LineError> {
         self.walls.extend(pieces("wall", WALL_FORM, words)?);
-        limited(self.walls.len(), WALL_LIMIT)
+        limited(self.walls.len() + self.low.len(), WALL_LIMIT)
+    }
+
+    fn add_low(&mut self, words: &[&str]) -> Result<(), LineError> {
+        self.low.extend(pieces("low", LOW_FORM, words)?);
+        limited(self.walls.len() + self.low.len(), WALL_LIMIT)
     }
 
     fn add_line(&mut self, words: &[&str]) -> Result<(), LineError> {
@@ -422,6 +435,7 @@ impl Draft {
             name: self.name.ok_or(missing("world"))?,
             start: self.start.ok_or(missing("start"))?,
             walls: self.walls,
+            low: self.low,
             rooms: self.rooms,
             lines: self.lines,
             people: self.people,
@@ -599,7 +613,7 @@ person 2.75,1 0.5 from 1500 ms to 9 s
         for (text, expected) in [
             (
                 "wal 0,0 1,1",
-                "line 1: `wal` starts no entry; a line starts with `world`, `start`, `wall`, `room`, `line` or `person`",
+                "line 1: `wal` starts no entry; a line starts with `world`, `start`, `wall`, `low`, `room`, `line` or `person`",
             ),
             ("world a b", "line 1: expected `world NAME`"),
             (
