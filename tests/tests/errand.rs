@@ -4,6 +4,8 @@
 
 use esm_tests::command::root;
 use esm_tests::host_drive;
+use host_tools::lockstep::plant_side::SonarBreak;
+use host_tools::plant::SonarFault;
 use host_tools::run::drive::Plan;
 use host_tools::world::World;
 
@@ -35,6 +37,33 @@ fn the_errand_ends_where_it_began_and_touches_nobody() {
             "seed {seed}"
         );
         assert_eq!(entered("Follow"), 2, "seed {seed}");
+    }
+}
+
+#[test]
+fn the_errand_comes_home_without_any_one_of_its_sonars() {
+    // They die in a room, in a door, in the corridor there, and behind the second turn.
+    let dies_s = [3, 22, 45, 60, 95, 110, 130, 150];
+    for (sonar, dies_s) in dies_s.into_iter().enumerate() {
+        let world = host_drive::world("office_floor");
+        let start = world.start.position;
+        let run = host_drive::driven(Plan {
+            seed: 1,
+            until_us: Some(290_000_000),
+            sonar_breaks: vec![SonarBreak {
+                sonar,
+                fault: SonarFault::Dead,
+                robot_us: dies_s * 1_000_000,
+            }],
+            ..host_drive::plan(&root().join("missions/errand.esm"), world)
+        });
+        let end = run.plant.pose().position;
+        let off_m = libm::hypot(end.x_m - start.x_m, end.y_m - start.y_m);
+        let rooms = run.plant.statistics().rooms_entered().join(" ");
+        println!("sonar {sonar} dead at {dies_s} s: {off_m:.3} m off, by {rooms}");
+        assert_eq!(run.plant.collisions(), 0, "sonar {sonar}");
+        assert_eq!(rooms, "corridor lab storeroom", "sonar {sonar}");
+        assert!(off_m < MOST_M, "sonar {sonar}: {off_m} m");
     }
 }
 

@@ -93,7 +93,7 @@ pub use steer::Steer;
 pub use stop::Stop;
 pub use turn::Turn;
 pub use values::{
-    ARRAY_SONARS, ArrayRanges, Battery, Bearing, Chassis, Line, MAX_SONARS, Pose, Ranges, Reading,
-    Sector, Twist, WheelSpeeds,
+    ARRAY_SONARS, ArrayRanges, Battery, Bearing, Bearings, Chassis, Line, MAX_SONARS, Pose, Ranges,
+    Reading, Sector, Twist, WheelSpeeds,
 };
 pub use wheel_speed::WheelSpeed;
