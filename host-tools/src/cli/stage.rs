@@ -32,7 +32,7 @@ use crate::world::{World, WorldError};
 
 /// The worlds that ship, by the names under which they are asked for. The first is driven in where
 /// none is named.
-const SHIPPED_WORLDS: [(&str, &str); 6] = [
+const SHIPPED_WORLDS: [(&str, &str); 8] = [
     (
         "office",
         include_str!("../../../missions/worlds/office.world"),
@@ -56,6 +56,14 @@ const SHIPPED_WORLDS: [(&str, &str); 6] = [
     (
         "office_floor",
         include_str!("../../../missions/worlds/office_floor.world"),
+    ),
+    (
+        "shut_doors",
+        include_str!("../../../missions/worlds/shut_doors.world"),
+    ),
+    (
+        "cluttered",
+        include_str!("../../../missions/worlds/cluttered.world"),
     ),
 ];
 
