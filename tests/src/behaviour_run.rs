@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use host_tools::plant::{PathSample, Plant};
+use host_tools::lockstep::plant_side::SonarBreak;
+use host_tools::plant::{PathSample, Plant, SonarFault};
 use host_tools::run::drive::Plan;
 use host_tools::world::World;
 
@@ -39,6 +40,21 @@ impl BehaviourRun {
 /// If it does not compile, or the run does not come to its end.
 #[track_caller]
 pub fn behave(behaviour: &str, world: World, seed: u64, until_s: u64) -> BehaviourRun {
+    behave_with(behaviour, world, seed, until_s, &[])
+}
+
+/// The same on a robot whose sonars die, each at a robot time in milliseconds.
+///
+/// # Panics
+/// As [`behave`].
+#[track_caller]
+pub fn behave_with(
+    behaviour: &str,
+    world: World,
+    seed: u64,
+    until_s: u64,
+    dead: &[(usize, u64)],
+) -> BehaviourRun {
     let mission = format!(
         r#"use "{rover}";
         interpreter slot 1;
@@ -72,12 +88,24 @@ pub fn behave(behaviour: &str, world: World, seed: u64, until_s: u64) -> Behavio
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("behave.esm");
     std::fs::write(&file, mission).expect("a mission");
-    run(&file, world, seed, until_s)
+    let breaks = dead.iter().map(|(sonar, at_ms)| SonarBreak {
+        sonar: *sonar,
+        fault: SonarFault::Dead,
+        robot_us: at_ms * 1_000,
+    });
+    run(&file, world, seed, until_s, breaks.collect())
 }
 
-fn run(file: &Path, world: World, seed: u64, until_s: u64) -> BehaviourRun {
+fn run(
+    file: &Path,
+    world: World,
+    seed: u64,
+    until_s: u64,
+    sonar_breaks: Vec<SonarBreak>,
+) -> BehaviourRun {
     let run = host_drive::driven(Plan {
         seed,
+        sonar_breaks,
         until_us: Some(until_s * 1_000_000),
         ..host_drive::plan(file, world)
     });

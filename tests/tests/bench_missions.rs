@@ -75,6 +75,13 @@ fn missions_reach_their_goals_and_touch_nothing_that_they_could_have_avoided() {
         let is_whole = row["dead_sonars"].as_array().unwrap().is_empty();
         assert!(row["at_goal"] == true || !is_whole, "{row:#}");
     }
+    // The errand comes home in 95 of 100, whatever sonar is lost.
+    let errands = rows.iter().filter(|row| {
+        let mission = row["mission"].as_str();
+        mission.is_some_and(|mission| mission.ends_with("errand.esm"))
+    });
+    let missed = errands.clone().filter(|row| row["at_goal"] != true).count();
+    assert!(missed * 20 <= errands.count(), "{missed} errands");
     let reached = total["at_goal"].as_u64().unwrap();
     assert!(reached * 100 >= 90 * rows.len() as u64, "{total}");
 }

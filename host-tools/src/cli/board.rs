@@ -42,7 +42,7 @@ pub struct BoardArgs {
     pub board: String,
 
     /// The world to drive in: a file, or the name of one that ships, `office`, `corridor`, `track`,
-    /// `empty`, `visitors` or `office_floor` [default: office]
+    /// `empty`, `visitors`, `office_floor`, `shut_doors` or `cluttered` [default: office]
     #[arg(long, value_name = "WORLD")]
     pub world: Option<PathBuf>,
 

@@ -32,7 +32,7 @@ use crate::world::{World, WorldError};
 
 /// The worlds that ship, by the names under which they are asked for. The first is driven in where
 /// none is named.
-const SHIPPED_WORLDS: [(&str, &str); 7] = [
+const SHIPPED_WORLDS: [(&str, &str); 9] = [
     (
         "office",
         include_str!("../../../missions/worlds/office.world"),
@@ -60,6 +60,14 @@ const SHIPPED_WORLDS: [(&str, &str); 7] = [
     (
         "low_boxes",
         include_str!("../../../missions/worlds/low_boxes.world"),
+    ),
+    (
+        "shut_doors",
+        include_str!("../../../missions/worlds/shut_doors.world"),
+    ),
+    (
+        "cluttered",
+        include_str!("../../../missions/worlds/cluttered.world"),
     ),
 ];
 

@@ -4,7 +4,7 @@ use super::law::{Behaviour, Control, Scene};
 use super::list::BehaviourList;
 use crate::behaviour;
 use crate::declaration::Params;
-use crate::tasks::{Pose, RIM_M, Ranges, Twist, WallSight};
+use crate::tasks::{Bearing, Bearings, Pose, RIM_M, Ranges, Twist, WallSight};
 
 /// What is nearer ahead is another wall, in metres from the rim: farther than the way is to be free
 /// at the greatest speed.
@@ -73,6 +73,15 @@ impl AlongWallLaw {
 }
 
 impl Behaviour for AlongWallLaw {
+    fn needs(&self, params: &Params) -> Bearings {
+        let side = if params.get(AlongWall::LEFT) {
+            Bearing::Left
+        } else {
+            Bearing::Right
+        };
+        Bearings::FRONT.with(Bearings::of(&[side]))
+    }
+
     fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {
         let moved =
             (self.last.replace(scene.pose)).map_or(Pose::START, |last| last.to_local(scene.pose));

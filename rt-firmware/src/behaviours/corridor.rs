@@ -7,11 +7,19 @@
 use super::beams::{Heading, Part, Side, looks_at};
 use super::pings::Ping;
 use crate::odometry::{Frame, wrapped_rad};
-use crate::tasks::{Bearing, OnTrack, Pose, Ranges};
+use crate::tasks::{Bearing, Bearings, OnTrack, Pose, Ranges};
 
 /// A wall that is this far from where it was expected is none, in metres: an opening, or something
 /// before it.
 const GATE_M: f32 = 0.15;
+
+/// A robot that looks off the corridor's direction by more than this, in radians, hears the post of
+/// an opening beside it as a wall that is a little farther …
+const TURNED_RAD: f32 = 0.1;
+/// … by more than this, in metres: then nobody knows which of the two it is.
+const POST_M: f32 = 0.04;
+/// The edge of an opening is where a wall ends that was seen at right angles, to this, in radians.
+const ALONG_RAD: f32 = 0.06;
 
 /// Part of the offset's error that a ping to the side corrects, if both sides see their walls.
 const OFFSET_GAIN: f32 = 0.25;
@@ -236,13 +244,32 @@ impl Unseen {
         self.is_away = look.map_or(self.is_away, |look| look.seen != Seen::Wall);
         match look.map(|look| look.seen) {
             None | Some(Seen::Before) => {}
-            Some(Seen::Beyond) => self.hidden_m = 0.0,
+            Some(Seen::Beyond | Seen::Unsure) => self.hidden_m = 0.0,
             Some(Seen::Wall) => *self = Self::default(),
         }
     }
 
     fn is_lost(&self) -> bool {
         self.way_m > LOST_M || self.hidden_m > HIDDEN_M
+    }
+}
+
+/// What the diagonals of a side see whose sonar at a right angle is lost.
+#[derive(Clone, Copy, Debug, Default)]
+struct StandIn {
+    /// The wall, if one of them sees it.
+    best: Option<Look>,
+    /// One of them sees something else.
+    is_away: bool,
+}
+
+impl StandIn {
+    fn take(&mut self, look: Look) {
+        let is_wall = look.seen == Seen::Wall;
+        if is_wall || self.best.is_none() {
+            self.best = Some(look);
+        }
+        self.is_away |= !is_wall;
     }
 }
 
@@ -255,14 +282,19 @@ pub(super) enum Seen {
     Beyond,
     /// Something before it.
     Before,
+    /// The wall, or a post of an opening in it.
+    Unsure,
 }
 
 impl Seen {
-    fn of(error_m: f32) -> Self {
+    /// What is farther than the wall by so much, heard by a sonar that may hear posts.
+    fn of(error_m: f32, hears_posts: bool) -> Self {
         if error_m > GATE_M {
             Self::Beyond
         } else if error_m < -GATE_M {
             Self::Before
+        } else if hears_posts && error_m > POST_M {
+            Self::Unsure
         } else {
             Self::Wall
         }
@@ -277,6 +309,8 @@ pub(super) struct Look {
     pub along_m: f32,
     /// How far the wall is from the robot's centre, in metres.
     pub wall_m: f32,
+    /// The robot looked along the corridor, so that a wall is no post.
+    pub is_along: bool,
     /// By how much what was hit is farther, in metres.
     error_m: f32,
 }
@@ -289,6 +323,7 @@ impl Look {
             seen,
             along_m,
             wall_m,
+            is_along: true,
             error_m: 0.0,
         }
     }
@@ -367,14 +402,20 @@ impl Corridor {
     }
 
     /// Corrects the estimate by new pings, where the walls are known. Returns what those to the
-    /// left and to the right saw.
+    /// left and to the right saw. Where a sonar at a right angle is not live, the diagonals of its
+    /// side show that the wall is still there.
     pub fn correct(
         &mut self,
         pings: impl Iterator<Item = Ping>,
+        live: Bearings,
         period_us: u32,
     ) -> [Option<Look>; 2] {
         let heading = Heading::new(self.here.heading_rad);
         let (mut left, mut right) = (None, None);
+        let (mut left_wall, mut right_wall) = (StandIn::default(), StandIn::default());
+        // Where only one side sees its wall, nothing contradicts a post.
+        let is_alone = !(live.has(Bearing::Left) && live.has(Bearing::Right));
+        let hears_posts = is_alone || self.here.heading_rad.abs() > TURNED_RAD;
         let mut turn_rad = 0.0;
         for ping in pings {
             let Some((side, part)) = looks_at(ping.bearing) else {
@@ -384,21 +425,29 @@ impl Corridor {
                 continue;
             };
             let error_m = heading.wall_m(side, part, ping.range_m) - wall_m;
-            let is_wall = Seen::of(error_m) == Seen::Wall;
+            let is_wall = Seen::of(error_m, false) == Seen::Wall;
             self.trust += (f32::from(u8::from(is_wall)) - self.trust) * TRUST_GAIN;
+            let (beside, look, stand_in) = match side {
+                Side::Left => (Bearing::Left, &mut left, &mut left_wall),
+                Side::Right => (Bearing::Right, &mut right, &mut right_wall),
+            };
+            let periods = ping.age_us as f32 / period_us as f32;
+            let seen = Look {
+                seen: Seen::of(error_m, hears_posts && part == Part::Beside),
+                along_m: self.here.x_m - self.step_m * periods,
+                wall_m,
+                is_along: self.here.heading_rad.abs() < ALONG_RAD,
+                error_m,
+            };
             if part == Part::Beside {
-                let periods = ping.age_us as f32 / period_us as f32;
-                let look = Some(Look {
-                    seen: Seen::of(error_m),
-                    along_m: self.here.x_m - self.step_m * periods,
-                    wall_m,
-                    error_m,
-                });
-                match side {
-                    Side::Left => left = look,
-                    Side::Right => right = look,
-                }
-            } else if is_wall && !self.unseen(side).is_away {
+                *look = Some(seen);
+                continue;
+            }
+            // It may be open beside the robot as soon as one of them does not see the wall.
+            if !live.has(beside) {
+                stand_in.take(seen);
+            }
+            if is_wall && !self.unseen(side).is_away {
                 let error_m = error_m.clamp(-HEADING_MOST_M, HEADING_MOST_M);
                 let turned_rad = HEADING_GAIN * error_m / wall_m.max(LEAST_WIDTH_M / 2.0);
                 turn_rad += match (side, part) {
@@ -408,10 +457,17 @@ impl Corridor {
             }
         }
         self.here.heading_rad = wrapped_rad(self.here.heading_rad + turn_rad);
-        self.correct_offset(left, right);
+        let gain = if is_alone {
+            OFFSET_GAIN / 2.0
+        } else {
+            OFFSET_GAIN
+        };
+        self.correct_offset(left, right, gain);
         let way_m = self.step_m.abs();
-        self.left.go_on(way_m, left);
-        self.right.go_on(way_m, right);
+        self.left.go_on(way_m, left.or(left_wall.best));
+        self.right.go_on(way_m, right.or(right_wall.best));
+        self.left.is_away |= left_wall.is_away;
+        self.right.is_away |= right_wall.is_away;
         if self.left.is_lost() || self.right.is_lost() {
             // It keeps its direction until it has found another.
             (self.width_m, self.search) = (None, Search::default());
@@ -431,7 +487,7 @@ impl Corridor {
         }
     }
 
-    fn correct_offset(&mut self, left: Option<Look>, right: Option<Look>) {
+    fn correct_offset(&mut self, left: Option<Look>, right: Option<Look>, gain: f32) {
         let error_m = |look: Option<Look>| {
             look.filter(|look| look.seen == Seen::Wall)
                 .map(|look| look.error_m)
@@ -446,6 +502,6 @@ impl Corridor {
             (None, Some(right_m)) => right_m,
             (None, None) => return,
         };
-        self.here.y_m += OFFSET_GAIN * offset_m;
+        self.here.y_m += gain * offset_m;
     }
 }

@@ -64,7 +64,10 @@ impl<R: Repertoire> Inserted<R> {
             key,
             origin,
             task,
-            place: Place::at(key, law.law().centre(pose, &call.params)),
+            place: Place::at(
+                key,
+                (law.law()).centre(list.way_round.pose(pose), &call.params),
+            ),
             law,
             params: call.params,
             watches: Watches::new(call.watches),
@@ -83,10 +86,12 @@ impl<R: Repertoire> Inserted<R> {
         } else {
             self.place.asked()
         };
+        let way_round = list.way_round;
+        let mut room = None;
         let reactions = self.watches.look(&Seen {
-            pose: around.pose.map(|pose| self.place.see(pose)),
+            pose: (around.pose).map(|pose| self.place.see(way_round.pose(pose))),
             asked,
-            ranges: around.ranges,
+            ranges: way_round.ranges(around.ranges, &mut room),
             battery_v: around.battery_v,
             period_us: around.period_us,
         });

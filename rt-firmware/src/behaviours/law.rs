@@ -1,7 +1,7 @@
 //! What a control law sees and says.
 
 use crate::declaration::Params;
-use crate::tasks::{Pose, Ranges, Twist};
+use crate::tasks::{Bearings, Pose, Ranges, Twist};
 
 /// What a behaviour sees when it is to say how the robot moves.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +31,12 @@ pub trait Behaviour: Send {
     /// unless the law says otherwise.
     fn centre(&self, start: Pose, _params: &Params) -> Pose {
         start
+    }
+
+    /// Where it must be able to look. If a sonar there is dead, and fewer are that look there once
+    /// the robot has turned around, it turns around and drives with its back ahead.
+    fn needs(&self, _params: &Params) -> Bearings {
+        Bearings::FRONT
     }
 
     /// Says how to move now. Called in each activation of its slot, while it executes.

@@ -71,6 +71,7 @@ pub mod situation;
 mod turn_to;
 mod wander;
 mod watches;
+mod way_round;
 
 pub use crate::declaration::Params;
 pub use along_wall::{AlongWall, AlongWallLaw};

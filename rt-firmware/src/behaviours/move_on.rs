@@ -4,7 +4,7 @@ use super::law::{Behaviour, Control, Scene};
 use super::list::BehaviourList;
 use crate::behaviour;
 use crate::declaration::Params;
-use crate::tasks::{Pose, Ranges, Sector, Twist};
+use crate::tasks::{Bearings, Pose, Ranges, Sector, Twist};
 
 /// So much room there must be on the side that the robot moves to, in metres.
 const FREE_M: f32 = 0.2;
@@ -46,6 +46,10 @@ impl MoveLaw {
 }
 
 impl Behaviour for MoveLaw {
+    fn needs(&self, params: &Params) -> Bearings {
+        Bearings::on_the_way(params.get(Move::SPEED_M_PER_S))
+    }
+
     fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {
         let asked = Twist {
             forward_m_per_s: params.get(Move::SPEED_M_PER_S),

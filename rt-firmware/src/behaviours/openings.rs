@@ -49,13 +49,14 @@ impl Openings {
                 };
                 None
             }
+            Seen::Unsure => None,
             Seen::Before => {
                 // Somebody stands there: what is behind nobody sees.
                 (self.open_m, self.wall_m) = (None, None);
                 None
             }
             Seen::Wall => {
-                self.wall_m = Some(look.along_m);
+                self.wall_m = look.is_along.then_some(look.along_m);
                 let (first_m, last_m) = self.open_m.take()?;
                 if look.along_m - last_m > EDGE_M {
                     return None;

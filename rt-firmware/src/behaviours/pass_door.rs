@@ -3,10 +3,11 @@
 use super::law::{Behaviour, Control, Scene};
 use super::list::BehaviourList;
 use super::pings::Pings;
+use super::situation::SafetyCheck;
 use crate::behaviour;
 use crate::declaration::Params;
 use crate::odometry::Frame;
-use crate::tasks::{Bearing, OnTrack, Pose, RIM_M, Ranges, Twist};
+use crate::tasks::{Bearing, OnTrack, Pose, RIM_M, Ranges, Sector, Twist};
 
 /// The fastest turn, in radians per second.
 const TURN_MOST_RAD_PER_S: f32 = 0.8;
@@ -60,6 +61,15 @@ const ALIGN_RAD_PER_S: f32 = 0.3;
 
 /// An opening is no deeper than this, in metres: what goes on is a corridor.
 const DEEPEST_M: f32 = 1.0;
+/// Where the way is not free and the diagonals differ by more than this, in metres, it is a post
+/// that is in the way, and nobody who stands in the opening. The opening is on the side that is
+/// freer, and its middle so far from the post, in metres; the robot backs off to where it began,
+/// and comes anew …
+const BESIDE_DIFFER_M: f32 = 0.15;
+const POST_TO_MIDDLE_M: f32 = 0.35;
+/// … so often.
+const MOST_TRIES: u8 = 3;
+
 /// So many looks to both sides show an opening.
 const LEAST_LOOKS: u8 = 2;
 
@@ -78,6 +88,10 @@ pub struct PassDoorLaw {
     ahead: Ahead,
     opening: Opening,
     is_beyond: bool,
+    /// It backs off from a post.
+    backs_off: bool,
+    /// How often it has done so.
+    tries: u8,
 }
 
 behaviour! {
@@ -227,19 +241,76 @@ impl PassDoorLaw {
             };
             *place = Some(ping);
         }
-        if let (Some(left), Some(right)) = (left, right) {
-            let periods = left.age_us as f32 / scene.period_us as f32;
+        let live = ranges.live();
+        // One side that is lost is as far as it would be from where the robot believes to be.
+        let farther_right_m = 2.0 * self.here.y_m;
+        let sides = match (left, right) {
+            (Some(left), Some(right)) => Some((left.age_us, left.range_m, right.range_m)),
+            (Some(left), None) if !live.has(Bearing::Right) => {
+                Some((left.age_us, left.range_m, left.range_m + farther_right_m))
+            }
+            (None, Some(right)) if !live.has(Bearing::Left) => {
+                Some((right.age_us, right.range_m - farther_right_m, right.range_m))
+            }
+            _ => None,
+        };
+        if let Some((age_us, left_m, right_m)) = sides {
+            let periods = age_us as f32 / scene.period_us as f32;
             let along_m = self.here.x_m - self.step_m * periods;
-            if self.opening.look(along_m, left.range_m, right.range_m) {
-                let off_m = (right.range_m - left.range_m) / 2.0;
+            if self.opening.look(along_m, left_m, right_m) {
+                let off_m = (right_m - left_m) / 2.0;
                 self.here.y_m += (off_m - self.here.y_m) * SIDE_GAIN;
             }
         }
         if self.opening.between_m.is_none()
+            && !self.backs_off
             && let (Some(left), Some(right)) = (ahead_left, ahead_right)
         {
             self.correct_by_diagonals(left.range_m, right.range_m);
         }
+    }
+
+    /// How to move towards the opening, or back from a post of it that is in the way.
+    fn twist(&mut self, speed_m_per_s: f32, ranges: Option<&Ranges>) -> Control {
+        let twist = |here: &Frame, is_backwards: bool| {
+            let place = OnTrack {
+                along_m: here.x_m,
+                left_m: here.y_m,
+                turned_rad: here.heading_rad,
+            };
+            let turn_rad_per_s = place.back_on_rad_per_s(is_backwards);
+            Twist {
+                forward_m_per_s: if is_backwards {
+                    -speed_m_per_s
+                } else {
+                    speed_m_per_s
+                },
+                turn_rad_per_s: turn_rad_per_s.clamp(-TURN_MOST_RAD_PER_S, TURN_MOST_RAD_PER_S),
+            }
+        };
+        let ahead = twist(&self.here, false);
+        let is_blocked = || {
+            let is_before = self.opening.between_m.is_none() && self.tries < MOST_TRIES;
+            is_before && !SafetyCheck::is_free(&ahead, ranges)
+        };
+        if self.backs_off {
+            self.backs_off = self.here.x_m > 0.0;
+            // From there the diagonals see the wall again.
+            self.ahead = Ahead::Unknown;
+        } else if let Some(ranges) = ranges.filter(|ranges| ranges.free_range(Sector::Front) > 0.0)
+            && is_blocked()
+        {
+            let freer_left_m = ranges.ahead_left_m() - ranges.ahead_right_m();
+            if freer_left_m.abs() > BESIDE_DIFFER_M {
+                self.here.y_m = -POST_TO_MIDDLE_M.copysign(freer_left_m);
+                (self.backs_off, self.tries) = (true, self.tries + 1);
+            }
+        }
+        Control::Move(if self.backs_off {
+            twist(&self.here, true)
+        } else {
+            ahead
+        })
     }
 
     fn correct_by_diagonals(&mut self, left_m: f32, right_m: f32) {
@@ -302,15 +373,6 @@ impl Behaviour for PassDoorLaw {
         if middle_m.is_none() && self.here.x_m > begins_by_m {
             return Control::Failed;
         }
-        let place = OnTrack {
-            along_m: self.here.x_m,
-            left_m: self.here.y_m,
-            turned_rad: self.here.heading_rad,
-        };
-        let turn_rad_per_s = place.back_on_rad_per_s(false);
-        Control::Move(Twist {
-            forward_m_per_s: params.get(PassDoor::SPEED_M_PER_S),
-            turn_rad_per_s: turn_rad_per_s.clamp(-TURN_MOST_RAD_PER_S, TURN_MOST_RAD_PER_S),
-        })
+        self.twist(params.get(PassDoor::SPEED_M_PER_S), scene.ranges)
     }
 }

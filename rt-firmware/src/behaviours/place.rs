@@ -131,24 +131,40 @@ impl Place {
                 Turn::Ends { failed: true }
             };
         };
+        let way_round = list.way_round;
+        let mut room = None;
+        let around = &Around {
+            ranges: way_round.ranges(around.ranges, &mut room),
+            ..*around
+        };
         // Without a pose nobody knows where its local frame is to be, or where the robot is in it.
         if self.is_new {
             let Some(pose) = around.pose else {
                 return Turn::NotYet;
             };
-            if !self.come(list, law.centre(pose, params), around.task) {
+            let centre = law.centre(way_round.pose(pose), params);
+            if !self.come(list, centre, around.task) {
                 return Turn::Ends { failed: true };
             }
         }
         let role = self.role(list);
         if role != Role::Executes {
-            return self.wait(list, around, role);
+            let turns = list
+                .way_round
+                .is_to_change(around.ranges, || law.needs(params));
+            return self.wait(list, around, role, turns);
         }
         let Some(pose) = around.pose else {
             return Turn::NotYet;
         };
+        let turns = (list.way_round).turn_around(&pose, around.ranges, || law.needs(params));
+        if let Some(twist) = turns {
+            self.asked = twist;
+            list.ask(twist);
+            return Turn::Goes { suspended: false };
+        }
         let scene = Scene {
-            pose: self.centre.see(pose),
+            pose: self.centre.see(way_round.pose(pose)),
             ranges: around.ranges,
             period_us: around.period_us,
         };
@@ -182,8 +198,15 @@ impl Place {
         }
     }
 
-    /// Does what is to do where another one executes.
-    fn wait(&mut self, list: &mut BehaviourList, around: &Around<'_>, role: Role) -> Turn {
+    /// Does what is to do where another one executes. `turns` says that the robot is to turn around
+    /// before it goes on, which is free however near things are.
+    fn wait(
+        &mut self,
+        list: &mut BehaviourList,
+        around: &Around<'_>,
+        role: Role,
+        turns: bool,
+    ) -> Turn {
         match role {
             Role::Gone => {
                 self.key = None;
@@ -191,8 +214,8 @@ impl Place {
             }
             Role::Executes | Role::Waits => {}
             Role::Idles => {
-                let is_free =
-                    !self.is_barred && SafetyCheck::is_free_again(&self.asked, around.ranges);
+                let way = SafetyCheck::is_free_again(&self.asked, around.ranges);
+                let is_free = !self.is_barred && (turns || way);
                 self.free_us = if is_free {
                     self.free_us.saturating_add(around.period_us)
                 } else {
@@ -228,14 +251,14 @@ impl Place {
             .or_else(|| SafetyCheck.look(pose, &twist, around.ranges));
         match reaction {
             None => {
-                list.ask(twist);
+                list.ask(list.way_round.twist(twist));
                 Turn::Goes { suspended: false }
             }
             Some(Reaction::Cancel) => self.end(list, false),
             Some(Reaction::Suspend) => {
                 self.free_us = 0;
                 list.idle();
-                self.wait(list, around, Role::Idles)
+                self.wait(list, around, Role::Idles, false)
             }
         }
     }

@@ -8,7 +8,7 @@ use super::list::BehaviourList;
 use crate::behaviour;
 use crate::declaration::Params;
 use crate::odometry::wrapped_rad;
-use crate::tasks::{Pose, Ranges, Twist};
+use crate::tasks::{Bearings, Pose, Ranges, Twist};
 
 /// Nearer than this is at the heading, in radians.
 const REACHED_RAD: f32 = 0.02;
@@ -65,6 +65,10 @@ impl Behaviour for TurnToLaw {
             heading_rad,
             ..start
         }
+    }
+
+    fn needs(&self, params: &Params) -> Bearings {
+        Bearings::on_the_way(params.get(TurnTo::SPEED_M_PER_S))
     }
 
     fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {

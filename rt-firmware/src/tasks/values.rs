@@ -122,6 +122,22 @@ impl Bearing {
         Self::AheadRight,
     ];
 
+    /// The bearing on the other side.
+    #[must_use]
+    pub const fn reversed(self) -> Self {
+        use Bearing::{Ahead, AheadLeft, AheadRight, Behind, BehindLeft, BehindRight, Left, Right};
+        match self {
+            Ahead => Behind,
+            AheadLeft => BehindRight,
+            Left => Right,
+            BehindLeft => AheadRight,
+            Behind => Ahead,
+            BehindRight => AheadLeft,
+            Right => Left,
+            AheadRight => BehindLeft,
+        }
+    }
+
     /// How many eighths of a turn lie between the two, on the shorter side.
     pub const fn eighths_to(self, other: Self) -> u8 {
         let way = (self as u8).abs_diff(other as u8);
@@ -158,11 +174,18 @@ impl Sector {
 }
 
 /// Some bearings: a bit for each.
-#[derive(Clone, Copy, Debug)]
-struct Bearings(u8);
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bearings(u8);
 
 impl Bearings {
-    const fn of(bearings: &[Bearing]) -> Self {
+    /// None.
+    pub const NONE: Self = Self(0);
+
+    /// Those to which a robot looks that drives ahead: the front, with the diagonals.
+    pub const FRONT: Self = Sector::Front.bearings();
+
+    /// Those that are listed.
+    pub const fn of(bearings: &[Bearing]) -> Self {
         let mut bits = 0;
         let mut rest = bearings;
         while let [bearing, tail @ ..] = rest {
@@ -172,8 +195,43 @@ impl Bearings {
         Self(bits)
     }
 
-    fn has(self, bearing: Bearing) -> bool {
+    /// Those to which a robot looks that moves at this speed: none where it only turns.
+    pub fn on_the_way(forward_m_per_s: f32) -> Self {
+        if forward_m_per_s > 0.0 {
+            Self::FRONT
+        } else if forward_m_per_s < 0.0 {
+            Self::FRONT.reversed()
+        } else {
+            Self::NONE
+        }
+    }
+
+    /// Whether a bearing is among them.
+    pub const fn has(self, bearing: Bearing) -> bool {
         self.0 >> bearing as u8 & 1 != 0
+    }
+
+    /// Those of both.
+    #[must_use]
+    pub const fn with(self, others: Self) -> Self {
+        Self(self.0 | others.0)
+    }
+
+    /// Those that are not among others.
+    #[must_use]
+    pub const fn without(self, others: Self) -> Self {
+        Self(self.0 & !others.0)
+    }
+
+    /// The same bearings, seen by who looks back.
+    #[must_use]
+    pub const fn reversed(self) -> Self {
+        Self(self.0.rotate_left(Bearing::COUNT as u32 / 2))
+    }
+
+    /// How many there are.
+    pub const fn count(self) -> u32 {
+        self.0.count_ones()
     }
 }
 
@@ -275,6 +333,30 @@ impl Ranges {
                 deaf: self.deaf >> sonar & 1 != 0,
             }
         })
+    }
+
+    /// Where the robot can look: in bearings of sonars that answer, and hear, unless another one
+    /// that looks there does not.
+    pub fn live(&self) -> Bearings {
+        let (mut live, mut lost) = (Bearings::NONE, Bearings::NONE);
+        for reading in self.readings() {
+            let of = if reading.dead || reading.deaf {
+                &mut lost
+            } else {
+                &mut live
+            };
+            *of = of.with(Bearings::of(&[reading.bearing]));
+        }
+        live.without(lost)
+    }
+
+    /// The same ranges, seen by who looks back.
+    #[must_use]
+    pub fn reversed(&self) -> Self {
+        Self {
+            bearings: self.bearings.map(Bearing::reversed),
+            ..*self
+        }
     }
 
     /// The shortest of the ranges of the sonars that look there, 0 where one of them is not known;

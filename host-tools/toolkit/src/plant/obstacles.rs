@@ -10,13 +10,53 @@ pub(super) struct Obstacles {
     walls: Vec<Segment>,
     low: Vec<Segment>,
     people: Vec<Visitor>,
+    /// When people were looked at last, in microseconds.
+    updated_us: u64,
 }
 
-/// A person, and whether that person stands there.
+/// A person, where that person is now, and whether there at all.
 #[derive(Clone, Copy, Debug)]
 struct Visitor {
     person: Person,
     stands: bool,
+    /// How many places of the walk are behind.
+    passed: usize,
+}
+
+impl Visitor {
+    /// Walks on by so much, unless the body would be nearer than `gap_m` then: the person waits
+    /// until there is room. Returns whether it walked.
+    fn walk(&mut self, way_m: f64, body: Circle, gap_m: f64) -> bool {
+        let walk = self.person.walk.as_ref();
+        let Some(goal) = walk
+            .and_then(|walk| walk.points().get(self.passed))
+            .copied()
+        else {
+            return false;
+        };
+        let from = self.person.circle.centre;
+        let left_m = libm::hypot(goal.x_m - from.x_m, goal.y_m - from.y_m);
+        let next = if left_m <= way_m {
+            goal
+        } else {
+            let share = way_m / left_m;
+            Point::new(
+                from.x_m + (goal.x_m - from.x_m) * share,
+                from.y_m + (goal.y_m - from.y_m) * share,
+            )
+        };
+        let there = Circle {
+            centre: next,
+            ..self.person.circle
+        };
+        let between_m = |circle: Circle| circle.distance_m(body.centre) - body.radius_m;
+        if between_m(there) <= gap_m && between_m(there) < between_m(self.person.circle) {
+            return false;
+        }
+        self.person.circle = there;
+        self.passed += usize::from(left_m <= way_m);
+        true
+    }
 }
 
 impl Obstacles {
@@ -25,11 +65,13 @@ impl Obstacles {
         let visitor = |person: &Person| Visitor {
             person: *person,
             stands: person.is_due_at(0),
+            passed: 0,
         };
         Self {
             walls: world.walls.clone(),
             low: world.low.clone(),
             people: world.people.iter().map(visitor).collect(),
+            updated_us: 0,
         }
     }
 
@@ -99,11 +141,19 @@ impl Obstacles {
 
     /// Lets people step in and away at a time, in microseconds. Who is to step in where the body is
     /// waits, and steps in as soon as more than `gap_m` is free between the two.
-    /// Returns whether anybody has stepped in or away, and who has stepped in.
+    /// Who walks goes on. Returns whether anybody has moved, and who has stepped in.
     pub fn update(&mut self, time_us: u64, body: Circle, gap_m: f64) -> (bool, Vec<Person>) {
         let mut changed = false;
         let mut stepped_in = Vec::new();
-        for Visitor { person, stands } in &mut self.people {
+        let passed_s = time_us.saturating_sub(self.updated_us) as f64 * 1e-6;
+        self.updated_us = time_us;
+        for visitor in &mut self.people {
+            if visitor.stands
+                && let Some(walk) = visitor.person.walk
+            {
+                changed |= visitor.walk(walk.speed_m_per_s * passed_s, body, gap_m);
+            }
+            let Visitor { person, stands, .. } = visitor;
             let has_room = || {
                 let between_m = person.circle.distance_m(body.centre) - body.radius_m;
                 between_m > gap_m
@@ -125,4 +175,48 @@ fn distance_to_m(pieces: &[Segment], point: Point) -> f64 {
         .map(|piece| piece.squared_distance_m2(point))
         .fold(f64::INFINITY, f64::min);
     libm::sqrt(squared_m2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where somebody is who walks at 0.5 m/s, and a body stands, after each second.
+    fn walk(body: Point) -> Vec<Point> {
+        let world = World::parse(
+            "world hall\nstart 9,9 0\nwall -9,-9 9,-9\nperson 0,0 0.25 walks 1,0 1,1 at 0.5\n",
+        )
+        .expect("a world");
+        let mut obstacles = Obstacles::new(&world);
+        let body = Circle {
+            centre: body,
+            radius_m: 0.11,
+        };
+        (1..=5_000)
+            .filter_map(|ms| {
+                obstacles.update(ms * 1_000, body, 0.005);
+                let at = obstacles.people().next()?.circle.centre;
+                (ms % 1_000 == 0).then_some(at)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn who_walks_comes_to_each_place_and_stays_at_the_last() {
+        let way = walk(Point::new(5.0, 5.0));
+        for (at, (x_m, y_m)) in
+            way.iter()
+                .zip([(0.5, 0.0), (1.0, 0.0), (1.0, 0.5), (1.0, 1.0), (1.0, 1.0)])
+        {
+            let off_m = libm::hypot(at.x_m - x_m, at.y_m - y_m);
+            assert!(off_m < 0.002, "{way:?}");
+        }
+    }
+
+    #[test]
+    fn who_finds_a_body_in_the_way_waits_before_it() {
+        let way = walk(Point::new(0.8, 0.0));
+        let gap_m = 0.8 - way[4].x_m - 0.25 - 0.11;
+        assert!((0.005..0.006).contains(&gap_m), "{way:?}");
+    }
 }

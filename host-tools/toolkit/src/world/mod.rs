@@ -14,7 +14,8 @@
 //! person 2,1 0.25 from 5 s to 9 s   # somebody who stands in the way: centre, radius, when
 //! ```
 //!
-//! A person without `from` stands there from the start, one without `to` stays. Rooms give
+//! A person without `from` stands there from the start, one without `to` stays. One who walks does
+//! so from there on: `person 2,1 0.25 walks 4,1 4,3 at 0.3`, in metres per second. Rooms give
 //! names to places and count what the robot has visited; where two overlap, the first in the file
 //! counts.
 
@@ -42,6 +43,12 @@ pub const LINE_WIDTH_M: core::ops::RangeInclusive<f64> = 0.001..=0.2;
 
 /// The largest radius of a person, in metres: arms spread out.
 pub const PERSON_RADIUS_LIMIT_M: f64 = 1.0;
+
+/// The fastest that a person walks, in metres per second: in a hurry.
+pub const LARGEST_WALK_M_PER_S: f64 = 2.0;
+
+/// The most places to which a person walks.
+pub const WALK_LIMIT: usize = 8;
 
 /// The most people of a world: each ray of each ping looks at all who stand there.
 pub const PERSON_LIMIT: usize = 256;
@@ -77,7 +84,23 @@ pub struct LinePiece {
     pub width_m: f64,
 }
 
-/// A person: a round obstacle that stands at a place for a time.
+/// A walk: from one place to the next, in straight lines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Walk {
+    points: [Point; WALK_LIMIT],
+    count: usize,
+    /// How fast, in metres per second.
+    pub speed_m_per_s: f64,
+}
+
+impl Walk {
+    /// The places, in the order in which the person comes there.
+    pub fn points(&self) -> &[Point] {
+        self.points.get(..self.count).unwrap_or(&[])
+    }
+}
+
+/// A person: a round obstacle that stands at a place for a time, or walks from there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Person {
     /// What of the floor the person takes.
@@ -87,6 +110,8 @@ pub struct Person {
     pub from_us: u64,
     /// When the person steps away, later than `from_us`; none for one who stays.
     pub to_us: Option<u64>,
+    /// Where the person walks once there; none for one who stands.
+    pub walk: Option<Walk>,
     /// The person's line of the file, from 1.
     pub line: usize,
 }
@@ -195,6 +220,12 @@ pub enum LineError {
         /// The word.
         word: String,
     },
+    /// A word is not a speed at which a person walks.
+    #[error("`{word}` is no speed of a person; write metres per second above 0, at most 2")]
+    Speed {
+        /// What stands there.
+        word: String,
+    },
     /// A word is not a person's radius.
     #[error("`{word}` is no radius of a person; write metres above 0, at most 1")]
     Radius {
@@ -243,7 +274,7 @@ const WALL_FORM: &str = "wall X,Y X,Y …";
 const LOW_FORM: &str = "low X,Y X,Y …";
 const ROOM_FORM: &str = "room NAME X,Y X,Y X,Y …";
 const LINE_FORM: &str = "line WIDTH X,Y X,Y …";
-const PERSON_FORM: &str = "person X,Y RADIUS [from TIME] [to TIME]";
+const PERSON_FORM: &str = "person X,Y RADIUS [walks X,Y ... at SPEED] [from TIME] [to TIME]";
 
 impl World {
     /// Checks a world in its text form.
@@ -408,6 +439,7 @@ impl Draft {
             centre: point(centre)?,
             radius_m: radius_m(radius)?,
         };
+        let (walk, rest) = walk(rest)?;
         let (from, rest) = time_behind("from", rest)?;
         let (to, rest) = time_behind("to", rest)?;
         if !rest.is_empty() {
@@ -421,6 +453,7 @@ impl Draft {
             circle,
             from_us: from.us,
             to_us: to.map(|to| to.us),
+            walk,
             line,
         });
         limited(self.people.len(), PERSON_LIMIT)
@@ -503,6 +536,39 @@ fn radius_m(word: &str) -> Result<f64, LineError> {
             word: word.to_owned(),
         }),
     }
+}
+
+/// The walk that begins here, if one does, and what stands behind it.
+fn walk<'a, 'b>(words: &'a [&'b str]) -> Result<(Option<Walk>, &'a [&'b str]), LineError> {
+    let form = LineError::Form { form: PERSON_FORM };
+    let ["walks", rest @ ..] = words else {
+        return Ok((None, words));
+    };
+    let Some(count) = rest.iter().position(|word| *word == "at") else {
+        return Err(form);
+    };
+    let (places, [_, speed, rest @ ..]) = rest.split_at(count) else {
+        return Err(form);
+    };
+    if places.is_empty() {
+        return Err(form);
+    }
+    limited(count, WALK_LIMIT)?;
+    let mut points = [Point::new(0.0, 0.0); WALK_LIMIT];
+    for (at, word) in points.iter_mut().zip(places) {
+        *at = point(word)?;
+    }
+    let speed_m_per_s = (speed.parse().ok())
+        .filter(|speed: &f64| *speed > 0.0 && *speed <= LARGEST_WALK_M_PER_S)
+        .ok_or_else(|| LineError::Speed {
+            word: (*speed).to_owned(),
+        })?;
+    let walk = Walk {
+        points,
+        count,
+        speed_m_per_s,
+    };
+    Ok((Some(walk), rest))
 }
 
 /// The time behind `keyword`, in one word or two, and the words behind it. No time where the words
@@ -661,8 +727,16 @@ person 2.75,1 0.5 from 1500 ms to 9 s
                 "line 1: a line from a point to itself; remove one of the two points",
             ),
             (
+                "person 1,1 0.2 walks 2,2 at 3",
+                "line 1: `3` is no speed of a person; write metres per second above 0, at most 2",
+            ),
+            (
+                "person 1,1 0.2 walks at 1",
+                "line 1: expected `person X,Y RADIUS [walks X,Y ... at SPEED] [from TIME] [to TIME]`",
+            ),
+            (
                 "person 1,1",
-                "line 1: expected `person X,Y RADIUS [from TIME] [to TIME]`",
+                "line 1: expected `person X,Y RADIUS [walks X,Y ... at SPEED] [from TIME] [to TIME]`",
             ),
             (
                 "\nperson 1 0.25",
@@ -686,7 +760,7 @@ person 2.75,1 0.5 from 1500 ms to 9 s
             ),
             (
                 "person 1,1 0.25 from",
-                "line 1: expected `person X,Y RADIUS [from TIME] [to TIME]`",
+                "line 1: expected `person X,Y RADIUS [walks X,Y ... at SPEED] [from TIME] [to TIME]`",
             ),
             (
                 "person 1,1 0.25 from 5 to 9 s",
@@ -703,11 +777,11 @@ person 2.75,1 0.5 from 1500 ms to 9 s
             ),
             (
                 "person 1,1 0.25 from 5 s until 9 s",
-                "line 1: expected `person X,Y RADIUS [from TIME] [to TIME]`",
+                "line 1: expected `person X,Y RADIUS [walks X,Y ... at SPEED] [from TIME] [to TIME]`",
             ),
             (
                 "person 1,1 0.25 to 9 s from 5 s",
-                "line 1: expected `person X,Y RADIUS [from TIME] [to TIME]`",
+                "line 1: expected `person X,Y RADIUS [walks X,Y ... at SPEED] [from TIME] [to TIME]`",
             ),
             (
                 "person 1,1 0.25 from 9 s to 5 s",
