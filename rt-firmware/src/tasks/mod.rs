@@ -103,7 +103,7 @@ pub use steer::Steer;
 pub use stop::Stop;
 pub use turn::Turn;
 pub use values::{
-    ARRAY_SONARS, ArrayRanges, Battery, Bearing, Bearings, Chassis, Contact, Line, MAX_SONARS, Pose,
-    Ranges, Reading, Sector, Twist, WheelControl, WheelSpeeds, YawRate,
+    ARRAY_SONARS, ArrayRanges, Battery, Bearing, Bearings, Chassis, Contact, Line, MAX_SONARS,
+    Pose, Ranges, Reading, Sector, Twist, WheelControl, WheelSpeeds, YawRate,
 };
 pub use wheel_speed::WheelSpeed;
