@@ -61,6 +61,17 @@ impl Console {
         }
     }
 
+    /// A console of this process whose standard output goes nowhere: for a part of a command that
+    /// tells what nobody has asked for.
+    pub fn without_output() -> Self {
+        let out: Box<dyn Write + Send> = Box::new(io::sink());
+        Console {
+            out: Clean::new(BufWriter::new(out), Form::Text),
+            out_is_terminal: false,
+            ..Self::of_this_process()
+        }
+    }
+
     /// A console whose streams go elsewhere, to where there is no terminal: for a program that has
     /// commands run within it.
     pub fn onto(out: impl Write + Send + 'static, error: impl Write + Send + 'static) -> Self {

@@ -5,8 +5,9 @@ use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 
-/// Writes a line to the log, and one on the motors where it knows of them, and finishes. It has no slot of its own: it runs in the time that is
-/// left, on the values that its ports held when its state was entered.
+/// Writes a line to the log, and one on the motors where it knows of them, and finishes. It has no
+/// slot of its own: it runs in the time that is left, on the values that its ports held when its
+/// state was entered.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Logger;
 

@@ -45,7 +45,7 @@ pub fn drive(
             .map_err(CommandError::World)?;
     }
     // What an upload tells on standard output is not what this command is asked for.
-    let mut aside = Console::onto(io::sink(), io::stderr());
+    let mut aside = Console::without_output();
     upload::execute(
         &UploadArgs {
             file: path,
