@@ -1,16 +1,18 @@
 //! `esm tune`: what a robot's motors are like, and gains that suit them.
 
 mod found;
+mod numbers;
 mod robot;
 mod simulated;
+mod tune_mission;
 mod write;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::anyhow;
 use clap::Args;
 
 use self::found::{Found, report};
+use self::tune_mission::{MISSION, mission_with};
 use self::write::Target;
 use super::console::Console;
 use super::exit::CommandError;
@@ -19,17 +21,6 @@ use super::run::read_recording;
 use crate::host_board::RobotMaker;
 use crate::recording::player::Recording;
 use crate::run::drive::DEFAULT_SEED;
-use crate::tune::Gains;
-
-/// The mission that is driven.
-const MISSION: &str = include_str!("../../../missions/tune.esm");
-/// The tasks that it has.
-const ROVER: &str = include_str!("../../../missions/rover.esm");
-
-/// The task whose gains are looked for, and its parameters.
-const TASK: &str = "WheelSpeed";
-const PROPORTIONAL: &str = "proportional_s_per_m";
-const INTEGRAL: &str = "integral_per_m";
 
 /// Works out what a robot's motors are like, and gains of `WheelSpeed` that suit them
 ///
@@ -127,68 +118,4 @@ fn driven(
     let again = drive(&mission_with(&found.gains)?, console)?;
     let after = Found::of(&again)?.speed_error_m_per_s;
     Ok((found, Some(after)))
-}
-
-/// The mission with these gains.
-fn mission_with(gains: &Gains) -> Result<String, CommandError> {
-    let files = [("tune.esm", MISSION), ("rover.esm", ROVER)];
-    let rewritten = crate::lang::load_texts(&files).with_values(TASK, &values_of(gains));
-    let rewritten = rewritten.ok_or_else(|| CommandError::Input(anyhow!("tune.esm has errors")))?;
-    Ok(rewritten.text)
-}
-
-/// Gains as parameters, in the digits that they are told in.
-fn values_of(gains: &Gains) -> [(&'static str, String); 2] {
-    [
-        (
-            PROPORTIONAL,
-            format!("{:?}", rounded(gains.proportional_s_per_m)),
-        ),
-        (INTEGRAL, format!("{:?}", rounded(gains.integral_per_m))),
-    ]
-}
-
-/// A number to three digits: more than a drive says.
-fn rounded(value: f64) -> f64 {
-    if value == 0.0 || !value.is_finite() {
-        return 0.0;
-    }
-    let digits = 2 - libm::floor(libm::log10(libm::fabs(value))) as i32;
-    let scale = libm::pow(10.0, f64::from(digits));
-    libm::round(value * scale) / scale
-}
-
-/// Whether a path ends like this.
-fn ends_in(path: &Path, extension: &str) -> bool {
-    path.extension().is_some_and(|end| end == extension)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_have_three_digits() {
-        for (value, expected) in [
-            (1.23456, 1.23),
-            (14.29, 14.3),
-            (0.067_89, 0.0679),
-            (0.0, 0.0),
-        ] {
-            assert_eq!(rounded(value), expected);
-        }
-    }
-
-    #[test]
-    fn the_mission_takes_the_gains_in_its_one_state() {
-        let gains = Gains {
-            proportional_s_per_m: 1.5,
-            integral_per_m: 20.0,
-        };
-        let text = mission_with(&gains).expect("a mission");
-        let state =
-            "task Drive: WheelSpeed with { proportional_s_per_m = 1.5, integral_per_m = 20.0 };";
-        assert_eq!(text.matches(state).count(), 1);
-        assert_eq!(text.matches(PROPORTIONAL).count(), 1);
-    }
 }

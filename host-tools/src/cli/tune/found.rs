@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::anyhow;
 use serde::Serialize;
 
-use super::rounded;
+use super::numbers::rounded;
 use crate::cli::console::Console;
 use crate::cli::exit::CommandError;
 use crate::recording::player::Recording;

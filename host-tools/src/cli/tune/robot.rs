@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::{Context, anyhow};
 use esm_link::message::Mode;
 
-use super::ROVER;
+use super::tune_mission::ROVER;
 use crate::cli::console::Console;
 use crate::cli::exit::CommandError;
 use crate::cli::recorder::Recorder;

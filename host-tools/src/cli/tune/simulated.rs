@@ -4,7 +4,7 @@ use std::io;
 
 use anyhow::anyhow;
 
-use super::ROVER;
+use super::tune_mission::ROVER;
 use crate::cli::exit::CommandError;
 use crate::cli::memory::Recorded;
 use crate::cli::mission;

@@ -6,7 +6,7 @@ use anyhow::anyhow;
 use toml_edit::{DocumentMut, value};
 
 use super::found::Found;
-use super::{TASK, ends_in, rounded, values_of};
+use super::numbers::{TASK, rounded, values_of};
 use crate::clean::counted;
 use crate::cli::exit::CommandError;
 use crate::cli::{file, mission};
@@ -23,6 +23,11 @@ pub enum Target {
     },
     /// A mission without errors.
     Mission(PathBuf),
+}
+
+/// Whether a path ends like this.
+fn ends_in(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|end| end == extension)
 }
 
 impl Target {
