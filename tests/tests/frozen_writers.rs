@@ -368,7 +368,7 @@ impl Driven {
             self.frozen_us,
             self.later_m()
         );
-        assert!(before_m_per_s > 0.08, "{what}: {before_m_per_s} m/s");
+        assert!(before_m_per_s > 0.03, "{what}: {before_m_per_s} m/s");
         assert!(power_off_us <= bound_us, "{what}: {power_off_us} us");
         assert!(stands_us <= bound_us + ROLLING_US, "{what}: {stands_us} us");
     }

@@ -68,6 +68,7 @@ mod runner;
 mod script;
 mod shipped;
 pub mod situation;
+mod turn_rate;
 mod turn_to;
 mod wander;
 mod watches;

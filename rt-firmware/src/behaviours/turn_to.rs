@@ -5,21 +5,11 @@
 
 use super::law::{Behaviour, Control, Scene};
 use super::list::BehaviourList;
+use super::turn_rate::rate_rad_per_s;
 use crate::behaviour;
 use crate::declaration::Params;
 use crate::odometry::wrapped_rad;
 use crate::tasks::{Bearings, Pose, Ranges, Twist};
-
-/// Nearer than this is at the heading, in radians.
-const REACHED_RAD: f32 = 0.02;
-/// Farther than this the robot turns at full rate, in radians.
-const FAR_RAD: f32 = 1.0;
-/// Nearer than this it turns at the slowest rate, in radians.
-const NEAR_RAD: f32 = 0.5;
-/// The full rate in radians per second, and per radian of what is left.
-const FULL_RAD_PER_S: f32 = 0.6;
-/// The slowest rate, in radians per second.
-const SLOW_RAD_PER_S: f32 = 0.3;
 
 /// Turns until its heading in the local frame is zero. The frame's centre looks to the goal.
 ///
@@ -40,24 +30,6 @@ behaviour! {
     }
 }
 
-impl TurnToLaw {
-    /// The turning rate for a heading in the local frame; none where it is reached.
-    pub fn rate_rad_per_s(heading_rad: f32) -> Option<f32> {
-        let left_rad = heading_rad.abs();
-        if left_rad < REACHED_RAD {
-            return None;
-        }
-        let rate = if left_rad > FAR_RAD {
-            FULL_RAD_PER_S
-        } else if left_rad > NEAR_RAD {
-            FULL_RAD_PER_S * left_rad
-        } else {
-            SLOW_RAD_PER_S
-        };
-        Some(rate.copysign(-heading_rad))
-    }
-}
-
 impl Behaviour for TurnToLaw {
     fn centre(&self, start: Pose, params: &Params) -> Pose {
         let heading_rad = wrapped_rad(start.heading_rad + params.get(TurnTo::ANGLE_RAD));
@@ -72,7 +44,7 @@ impl Behaviour for TurnToLaw {
     }
 
     fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {
-        match Self::rate_rad_per_s(scene.pose.heading_rad) {
+        match rate_rad_per_s(scene.pose.heading_rad) {
             None => Control::Done,
             Some(turn_rad_per_s) => Control::Move(Twist {
                 forward_m_per_s: params.get(TurnTo::SPEED_M_PER_S),
@@ -100,7 +72,7 @@ mod tests {
             (0.019, None),
             (-0.019, None),
         ] {
-            let rate = TurnToLaw::rate_rad_per_s(heading_rad);
+            let rate = rate_rad_per_s(heading_rad);
             let is_equal = match (rate, expected) {
                 (Some(rate), Some(expected)) => (rate - expected).abs() < 1e-6,
                 (rate, expected) => rate == expected,
@@ -115,7 +87,7 @@ mod tests {
         for (angle_rad, expected_s) in [(FRAC_PI_2, 3.71), (PI, 6.32), (-FRAC_PI_2, 3.71)] {
             const PERIOD_S: f32 = 0.01;
             let (mut heading_rad, mut time_s) = (-angle_rad, 0.0);
-            while let Some(rate) = TurnToLaw::rate_rad_per_s(heading_rad) {
+            while let Some(rate) = rate_rad_per_s(heading_rad) {
                 heading_rad += rate * PERIOD_S;
                 time_s += PERIOD_S;
                 assert!(time_s < 10.0, "it does not end");

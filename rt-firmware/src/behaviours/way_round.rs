@@ -6,7 +6,7 @@
 
 use core::f32::consts::PI;
 
-use super::turn_to::TurnToLaw;
+use super::turn_rate::rate_rad_per_s;
 use crate::odometry::wrapped_rad;
 use crate::tasks::{Bearings, Pose, Ranges, Twist};
 
@@ -95,7 +95,7 @@ impl WayRound {
         let turned = self.0.first_mut()?;
         let back_rad = wrapped_rad(pose.heading_rad + PI);
         let to_rad = *turned.to_rad.get_or_insert(back_rad);
-        let rate = TurnToLaw::rate_rad_per_s(wrapped_rad(pose.heading_rad - to_rad));
+        let rate = rate_rad_per_s(wrapped_rad(pose.heading_rad - to_rad));
         if rate.is_none() {
             *turned = Turned {
                 is_reversed: !turned.is_reversed,
