@@ -73,6 +73,8 @@ mod turn_to;
 mod wander;
 mod watches;
 mod way_round;
+#[cfg(all(test, feature = "all-behaviours"))]
+mod way_round_tests;
 
 pub use crate::declaration::Params;
 pub use along_wall::{AlongWall, AlongWallLaw};
