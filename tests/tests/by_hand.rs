@@ -2,13 +2,16 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
+use std::fs::OpenOptions;
+use std::io::Write;
+use std::process::Command;
 use std::time::Duration;
 
 use esm_link::behaviours::{
     BehaviourRequest, Call, MAX_DRIVE_US, Origin, Reaction, ScriptState, Situation, Watch,
 };
 use esm_link::message::{LinkError, Swap};
-use esm_tests::command::{esm, firmware_with_behaviours, root};
+use esm_tests::command::{Robot, Running, esm, firmware_with_behaviours, root};
 use esm_tests::host_drive::{self, world};
 use esm_tests::random::Random;
 use esm_tests::subject;
@@ -565,4 +568,42 @@ fn commands_say_what_is_wrong_with_a_script() {
     ])
     .good();
     assert_eq!(good.out, "missions/square.script: 8 steps\n");
+}
+
+/// A gamepad is a file of events; here a pipe.
+#[test]
+fn the_stick_of_a_gamepad_drives_and_a_gamepad_that_is_pulled_out_lets_go() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = folder.path().join("js0");
+    let made = Command::new("mkfifo").arg(&device).status().unwrap();
+    assert!(made.success());
+    let robot = Robot::start_with("host", None, &["--world", "empty"]);
+    robot.give(&root().join("missions/by_hand.esm"));
+    let gamepad = format!("--gamepad={}", device.display());
+    let driving = Running::esm(&["drive", "--port", robot.port(), &gamepad]);
+    // Opened as soon as the command reads.
+    let mut events = OpenOptions::new().write(true).open(&device).unwrap();
+    let driving = driving.until("it steers", |it| it.err().contains("the gamepad steers"));
+    // The left stick to its end, away from the person: axis 1, as the kernel tells it.
+    let [low, high] = (-32_767_i16).to_ne_bytes();
+    events.write_all(&[0, 0, 0, 0, low, high, 2, 1]).unwrap();
+    std::thread::sleep(Duration::from_secs(2));
+    drop(events);
+    let ended = driving.finished().ended(3);
+    assert!(ended.err.contains("not there any more"), "{}", ended.err);
+    let x_m = || {
+        let told = robot
+            .esm(&["values", "position/Track.pose", "--json"])
+            .good();
+        told.json()["values"]["position/Track.pose"]["x_m"]
+            .as_f64()
+            .unwrap()
+    };
+    std::thread::sleep(Duration::from_secs(1));
+    let (before_m, after_m) = (x_m(), x_m());
+    assert!((0.15..0.6).contains(&before_m), "{before_m} m");
+    assert!(
+        (after_m - before_m).abs() < 0.001,
+        "it stands: {before_m} m, {after_m} m"
+    );
 }

@@ -3,13 +3,16 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`steering`] | what keys mean, and for how long |
+//! | [`gamepad`] | movements from the stick of a gamepad |
 //! | [`hand`] | who sends movements to the robot, again and again, in a thread of its own |
 
+pub mod gamepad;
 pub mod hand;
 pub mod steering;
 
 use std::io::BufRead;
 use std::ops::ControlFlow;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -30,6 +33,7 @@ use super::exit::CommandError;
 use super::robot::RobotArgs;
 use super::terminal::{self, KEY_WAIT, Meaning, Palette, Shown};
 use crate::run::interrupt::Interrupt;
+use gamepad::Gamepad;
 use hand::{Hand, Told};
 use steering::{Key, Steering};
 
@@ -41,17 +45,18 @@ const LINE_HOLDS: Duration = Duration::from_millis(300);
 /// Hold an arrow key to drive. Up and down drive, left and right turn, together they drive an arc;
 /// space stops, plus and minus change the speed, q, Esc and Ctrl-C quit. The robot stands still
 /// half a second after the last key. It stops by itself where something is in its way, and 300 ms
-/// after the last word on a lost line. Without a terminal name a movement with --twist, or let a
-/// program write movements to standard input with --stdin, such as one that reads a gamepad: a
-/// line for each, metres per second ahead and radians per second to the left, at least four times
-/// a second.
+/// after the last word on a lost line. With --gamepad the left stick of a gamepad steers, and lets
+/// go in its middle. Without a terminal name a movement with --twist, or let a program write
+/// movements to standard input with --stdin: a line for each, metres per second ahead and radians
+/// per second to the left, at least four times a second.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   esm drive --port /dev/ttyACM0
   esm drive --port /dev/ttyACM0 --speed 0.1
   esm drive --port /dev/ttyACM0 --twist 0.2,0.5 --for '2 s'
-  my_gamepad | esm drive --port /dev/ttyACM0 --stdin")]
+  esm drive --port /dev/ttyACM0 --gamepad --speed 0.4
+  my_program | esm drive --port /dev/ttyACM0 --stdin")]
 pub struct DriveArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "carries the documentation of its arguments")]
@@ -83,6 +88,17 @@ pub struct DriveArgs {
     /// Movements from standard input, a line each
     #[arg(long, conflicts_with = "twist")]
     pub stdin: bool,
+
+    /// Movements from the left stick of a gamepad, up to --speed and --rate [default device: the
+    /// first of /dev/input/js*]
+    #[arg(
+        long,
+        value_name = "DEVICE",
+        num_args = 0..=1,
+        require_equals = true,
+        conflicts_with_all = ["twist", "stdin"]
+    )]
+    pub gamepad: Option<Option<PathBuf>>,
 }
 
 /// A number above 0, up to so many.
@@ -99,11 +115,15 @@ fn within<const MOST: u32>(text: &str) -> Result<f32, String> {
 /// What kept it from ending well.
 pub fn execute(args: &DriveArgs, console: &mut Console) -> Result<(), CommandError> {
     let has_screen = terminal::has_screen(console);
-    if args.twist.is_none() && !args.stdin && !has_screen {
+    if args.twist.is_none() && !args.stdin && args.gamepad.is_none() && !has_screen {
         return Err(CommandError::Usage(anyhow!(
-            "there is no terminal to read keys from: name a movement with --twist and --for, or write movements to standard input with --stdin"
+            "there is no terminal to read keys from: name a movement with --twist and --for, write movements to standard input with --stdin, or steer with --gamepad"
         )));
     }
+    let gamepad = match &args.gamepad {
+        Some(device) => Some(Gamepad::open(device.as_deref())?),
+        None => None,
+    };
     let interrupt = Interrupt::take_over()?;
     let (mut robot, _) = args.robot.connect_to_upload(console)?;
     robot.require(Feature::Behaviours)?;
@@ -116,6 +136,9 @@ pub fn execute(args: &DriveArgs, console: &mut Console) -> Result<(), CommandErr
         for_a_time(&hand, twist, until, interrupt)
     } else if args.stdin {
         from_lines(&hand, interrupt)
+    } else if let Some(gamepad) = &gamepad {
+        console.note("the gamepad steers: Ctrl-C ends it");
+        from_gamepad(&hand, gamepad, (args.speed, args.rate), interrupt)
     } else {
         let mut driving = Driving {
             hand: &hand,
@@ -151,6 +174,25 @@ fn for_a_time(
     }
     hand.ask(None);
     Ok(())
+}
+
+/// Movements from a gamepad, until Ctrl-C.
+fn from_gamepad(
+    hand: &Hand,
+    gamepad: &Gamepad,
+    (speed_m_per_s, rate_rad_per_s): (f32, f32),
+    interrupt: Interrupt,
+) -> Result<(), CommandError> {
+    let steer = || {
+        while !interrupt.is_requested() && !hand.has_ended() {
+            hand.ask(gamepad.wanted(speed_m_per_s, rate_rad_per_s)?);
+            std::thread::sleep(LOOK);
+        }
+        Ok(())
+    };
+    let steered = steer();
+    hand.ask(None);
+    steered
 }
 
 /// Movements from standard input: each holds until the next, for a moment at most.
