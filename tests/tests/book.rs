@@ -283,7 +283,8 @@ fn the_chapter_on_types_has_the_fields_of_the_code() {
     use rt_firmware::PortType;
     use rt_firmware::behaviours::BehaviourList;
     use rt_firmware::tasks::{
-        ArrayRanges, Battery, Contact, Line, Pose, Ranges, Twist, WheelSpeeds, YawRate,
+        ArrayRanges, Battery, Contact, Line, Pose, Ranges, Twist, WheelControl, WheelSpeeds,
+        YawRate,
     };
 
     let chapter = read("docs/src/types.md");
@@ -291,6 +292,7 @@ fn the_chapter_on_types_has_the_fields_of_the_code() {
         (Pose::NAME, Pose::FIELDS),
         (Twist::NAME, Twist::FIELDS),
         (WheelSpeeds::NAME, WheelSpeeds::FIELDS),
+        (WheelControl::NAME, WheelControl::FIELDS),
         (Ranges::NAME, Ranges::FIELDS),
         (ArrayRanges::NAME, ArrayRanges::FIELDS),
         (BehaviourList::NAME, BehaviourList::FIELDS),

@@ -134,9 +134,9 @@ fn errand_with_gyro(scale: f64) -> String {
     let mut text = std::fs::read_to_string(root().join("missions/errand.esm")).unwrap();
     for (from, to) in [
         (
-            "    region position {",
+            "    region pose {",
             &*format!(
-                "    region gyro {{ task Turns: Gyro with {{ scale = {scale:.4} }}; initial -> Turns; }}\n\n    region position {{"
+                "    region gyro {{ task Turns: Gyro with {{ scale = {scale:.4} }}; initial -> Turns; }}\n\n    region pose {{"
             ),
         ),
         ("state Ready timeout 1 s;", "state Ready timeout 2 s;"),

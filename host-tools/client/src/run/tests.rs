@@ -25,6 +25,14 @@ fn fresh(name: &str, type_name: &str) -> DataPort {
     }
 }
 
+/// A port that does without values.
+fn spare(name: &str, type_name: &str) -> DataPort {
+    DataPort {
+        optional: true,
+        ..port(name, Direction::In, type_name)
+    }
+}
+
 /// Tasks of the rover, in the order of [`State`]s below.
 fn tasks() -> Vec<Task> {
     let with = |name: &str, ports: &[(&str, Direction, &str)], params: &[&str]| Task {
@@ -47,25 +55,44 @@ fn tasks() -> Vec<Task> {
     };
     use Direction::{In, Out};
     vec![
-        with(
-            "Odometry",
-            &[("pose", Out, "Pose"), ("speeds", Out, "WheelSpeeds")],
-            &[],
-        ),
+        Task {
+            data: vec![
+                spare("yaw_rate", "YawRate"),
+                port("pose", Out, "Pose"),
+                port("speeds", Out, "WheelSpeeds"),
+            ],
+            ..with("Odometry", &[], &[])
+        },
         Task {
             flags: vec![flag("blocked", Out)],
-            data: vec![fresh("twist", "Twist"), fresh("speeds", "WheelSpeeds")],
-            ..with("WheelSpeed", &[], &["acceleration_m_per_s2"])
+            data: vec![
+                fresh("twist", "Twist"),
+                fresh("speeds", "WheelSpeeds"),
+                port("control", Out, "WheelControl"),
+            ],
+            ..with(
+                "WheelSpeed",
+                &[],
+                &[
+                    "acceleration_m_per_s2",
+                    "jerk_m_per_s3",
+                    "proportional_s_per_m",
+                    "integral_per_m",
+                ],
+            )
         },
         Task {
             flags: vec![flag("low", Out)],
             ..with("BatteryMonitor", &[("battery", Out, "Battery")], &["low_v"])
         },
-        with(
-            "Logger",
-            &[("pose", In, "Pose"), ("battery", In, "Battery")],
-            &[],
-        ),
+        Task {
+            data: vec![
+                port("pose", In, "Pose"),
+                port("battery", In, "Battery"),
+                spare("control", "WheelControl"),
+            ],
+            ..with("Logger", &[], &[])
+        },
         Task {
             flags: vec![flag("left", In)],
             data: vec![fresh("pose", "Pose"), port("twist", Out, "Twist")],
@@ -84,7 +111,10 @@ fn turning(angle_rad: f32) -> Model {
     let always = |name: &str, state| region(name, vec![state], vec![pulse(None, Some(0))]);
     let regions = vec![
         always("pose", task_state("Pose", 0, real_time, &[])),
-        always("wheels", task_state("Wheels", 1, real_time, &[1.0])),
+        always(
+            "wheels",
+            task_state("Wheels", 1, real_time, &[1.0, 30.0, 0.8, 4.0]),
+        ),
         always("battery", task_state("Battery", 2, real_time, &[6.0])),
         region(
             "diary",
@@ -117,8 +147,8 @@ fn turning(angle_rad: f32) -> Model {
     };
     let mut machine = container("Turning", &[], regions);
     machine.paths = vec![
-        path(end(0, 0), &[end(3, 0), end(4, 0)]),
-        path(end(0, 1), &[end(1, 1)]),
+        path(end(0, 1), &[end(3, 0), end(4, 0)]),
+        path(end(0, 2), &[end(1, 1)]),
         path(end(2, 0), &[end(3, 1)]),
         path(end(4, 1), &[end(1, 0)]),
     ];
