@@ -90,9 +90,9 @@ fn drive(world: &str, movement: &Movement, limit_s: u64, seed: u64) -> End {
         } else {
             (movement.task, movement.flags, &movement.params)
         });
-        tasks.push(("WheelSpeed", 0, &[1.2]));
+        tasks.push(("WheelSpeed", 0, &[1.2, 30.0, 0.8, 4.0]));
         if number % 2 == 0 {
-            tasks.push(("SonarRing", 0, &[]));
+            tasks.push(("SonarRing", 0, &[0.0, 20.0]));
         }
         finished |= cycle(number, &tasks)[1];
     }
