@@ -78,7 +78,7 @@ const STEPS: [StepOfTutorial; 6] = [
     StepOfTutorial {
         name: "5_obstacle",
         until_s: 120,
-        least_m: 18.0,
+        least_m: 14.5,
         stops: 1,
         told: &[
             (61_340, "safety/Watch", "safety/Wait"),
@@ -88,7 +88,7 @@ const STEPS: [StepOfTutorial; 6] = [
     StepOfTutorial {
         name: "6_everything",
         until_s: 120,
-        least_m: 17.0,
+        least_m: 15.0,
         stops: 1,
         told: &[],
     },

@@ -94,8 +94,9 @@ fn sampled(board: &str) {
     let steps = (last.unwrap() - first.unwrap()) / 20_000 + 1;
     // A part says what was dropped when it was sent, which is behind its own macro step.
     let known = samples.len() as u64 + u64::from(dropped);
+    // One may have been dropped behind the last part that was sent before the first sample.
     assert!(
-        (steps..=steps + 10).contains(&known),
+        (steps - 1..=steps + 10).contains(&known),
         "{board}: {known} of {steps}"
     );
     assert!(
