@@ -284,18 +284,21 @@ fn squared_distance_to_line_m2(world: &World, point: Point) -> f64 {
     squared.fold(f64::INFINITY, f64::min)
 }
 
-/// How often it stood still for more than a second, less than 30 cm from the box to its rim.
+/// How often it stood still for more than a second, less than 30 cm from the box to its rim, from
+/// whichever side it comes.
 fn stops_before_the_box(path: &[PathSample]) -> usize {
-    const BOX_NORTH_SIDE: Point = Point::new(0.5, 1.03);
+    const BOX: Point = Point::new(0.5, 0.95);
+    const HALF_BOX_M: f64 = 0.08;
     const RADIUS_M: f64 = 0.12;
     let stands = |window: &[PathSample]| {
         let [first, .., last] = window else {
             return false;
         };
         let moved_m2 = first.pose.position.squared_distance_m2(last.pose.position);
-        let to_box_m2 = last.pose.position.squared_distance_m2(BOX_NORTH_SIDE);
+        let to_box_m2 = last.pose.position.squared_distance_m2(BOX);
         // A centimetre: it turns around on the spot, not quite.
-        moved_m2 < 1e-4 && to_box_m2 < (RADIUS_M + 0.3) * (RADIUS_M + 0.3)
+        let near_m = HALF_BOX_M + RADIUS_M + 0.3;
+        moved_m2 < 1e-4 && to_box_m2 < near_m * near_m
     };
     let standing: Vec<bool> = path.windows(11).map(stands).collect();
     let begins = standing
