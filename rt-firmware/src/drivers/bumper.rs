@@ -46,40 +46,11 @@ impl<P: InputPin> Bumper<P> {
 
 #[cfg(test)]
 mod tests {
-    use embedded_hal::digital::{self, ErrorKind};
-
+    use super::super::test_wire::{HIGH, LOW, Wire};
     use super::*;
-
-    /// An input whose level is told before each look; none cannot be read.
-    struct Wire(Option<bool>);
-
-    #[derive(Debug)]
-    struct Broken;
-
-    impl digital::Error for Broken {
-        fn kind(&self) -> ErrorKind {
-            ErrorKind::Other
-        }
-    }
-
-    impl digital::ErrorType for Wire {
-        type Error = Broken;
-    }
-
-    impl InputPin for Wire {
-        fn is_high(&mut self) -> Result<bool, Broken> {
-            self.0.ok_or(Broken)
-        }
-
-        fn is_low(&mut self) -> Result<bool, Broken> {
-            self.is_high().map(|high| !high)
-        }
-    }
 
     #[test]
     fn a_touch_begins_at_once_and_ends_when_the_contact_has_come_to_rest() {
-        const HIGH: Option<bool> = Some(true);
-        const LOW: Option<bool> = Some(false);
         let mut bumper = Bumper::new(Wire(HIGH));
         for (level, passed_us, expected) in [
             (HIGH, 20_000, false),

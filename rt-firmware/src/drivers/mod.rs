@@ -14,6 +14,8 @@ mod line;
 mod motor;
 mod sonar;
 mod stop_button;
+#[cfg(test)]
+mod test_wire;
 
 pub use battery::BatteryGauge;
 pub use bumper::{Bumper, FREE_AFTER_US};

@@ -82,38 +82,10 @@ impl<P: InputPin> StopButton<P> {
 mod tests {
     use core::convert::Infallible;
 
-    use embedded_hal::digital::{self, Error, ErrorKind};
+    use embedded_hal::digital;
 
+    use super::super::test_wire::{HIGH, LOW, Wire};
     use super::*;
-
-    /// An input whose level is told before each look; none cannot be read.
-    struct Wire(Option<bool>);
-
-    #[derive(Debug)]
-    struct Broken;
-
-    impl Error for Broken {
-        fn kind(&self) -> ErrorKind {
-            ErrorKind::Other
-        }
-    }
-
-    impl digital::ErrorType for Wire {
-        type Error = Broken;
-    }
-
-    impl InputPin for Wire {
-        fn is_high(&mut self) -> Result<bool, Broken> {
-            self.0.ok_or(Broken)
-        }
-
-        fn is_low(&mut self) -> Result<bool, Broken> {
-            self.is_high().map(|high| !high)
-        }
-    }
-
-    const HIGH: Option<bool> = Some(true);
-    const LOW: Option<bool> = Some(false);
 
     #[test]
     fn a_level_that_holds_is_a_press_and_one_that_bounces_is_none() {

@@ -22,10 +22,10 @@ const MOST_READINGS: u16 = 256;
 
 /// No bias is larger, in counts: 10 °/s, three times what the data sheet gives. Who is turned
 /// faster while the wheels stand does not stand.
-const LARGEST_BIAS: f32 = 1_312.0;
+const LARGEST_BIAS_COUNTS: f32 = 1_312.0;
 
 /// A robot that stands reads as its bias, to so many counts: 2 °/s, thirty times the noise.
-const STANDING: f32 = 262.0;
+const STANDING_COUNTS: f32 = 262.0;
 
 /// A gyroscope that reads the same so often hangs: its noise is some counts. A second, in a slot of
 /// 10 ms.
@@ -104,8 +104,8 @@ impl Bias {
     /// A reading, after which the wheels stand still or do not.
     fn take(&mut self, counts: f32, wheels_stand: bool, passed_us: u32) {
         let is_still = match self.known() {
-            Some(bias) => (counts - bias).abs() < STANDING,
-            None => counts.abs() < LARGEST_BIAS,
+            Some(bias) => (counts - bias).abs() < STANDING_COUNTS,
+            None => counts.abs() < LARGEST_BIAS_COUNTS,
         };
         if !wheels_stand || !is_still {
             self.stands_us = 0;

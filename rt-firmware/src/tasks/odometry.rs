@@ -73,9 +73,10 @@ impl<L: EncoderCounter + Send, R: EncoderCounter + Send> Task for Odometry<L, R>
         let mut turned_rad = (right_m - left_m) / self.wheel_base_m;
         if let Some(rate) = io.try_read(Self::YAW_RATE) {
             let rate_rad_per_s = rate.yaw_rate_rad_per_s;
-            self.fresh_steps = match rate.count == self.rate_count {
-                true => self.fresh_steps.saturating_sub(1),
-                false => FRESH_STEPS,
+            self.fresh_steps = if rate.count == self.rate_count {
+                self.fresh_steps.saturating_sub(1)
+            } else {
+                FRESH_STEPS
             };
             self.rate_count = rate.count;
             if self.fresh_steps > 0

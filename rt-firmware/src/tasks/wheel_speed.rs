@@ -147,16 +147,16 @@ impl<P: SetDutyCycle, D: OutputPin> DrivenWheel<P, D> {
         }
     }
 
-    /// Gives the wheel this power for what is asked for, of which that is a `part`. Returns whether
-    /// it follows.
-    fn drive(&mut self, asked: &Asked, part: f32, power: f32, speed_m_per_s: f32) -> bool {
+    /// Gives the wheel its power, which `is_all` that was asked for, or a part of it. Returns
+    /// whether it follows.
+    fn drive(&mut self, asked: &Asked, is_all: bool, speed_m_per_s: f32) -> bool {
         // Where there is no power for it, an integral would grow without an effect.
-        if part >= 1.0 || asked.integral_power.abs() < self.integral_power.abs() {
+        if is_all || asked.integral_power.abs() < self.integral_power.abs() {
             self.integral_power = asked.integral_power;
         }
         let goal_m_per_s = self.goal.speed().abs();
         let turns = speed_m_per_s.abs() >= goal_m_per_s * BLOCKED_PART;
-        let driven = self.motor.drive(power).is_ok();
+        let driven = self.motor.drive(asked.power).is_ok();
         driven && (turns || goal_m_per_s < BLOCKED_GOAL_M_PER_S)
     }
 }
@@ -210,20 +210,23 @@ where
         };
         let chassis = &self.chassis;
         let wanted = (chassis.wheel_speeds(twist)).at_most(GOAL_PART * chassis.full_speed_m_per_s);
-        let left = (self.left).control(wanted.left_m_per_s, speeds.left_m_per_s, &around);
-        let right = (self.right).control(wanted.right_m_per_s, speeds.right_m_per_s, &around);
+        let mut left = (self.left).control(wanted.left_m_per_s, speeds.left_m_per_s, &around);
+        let mut right = (self.right).control(wanted.right_m_per_s, speeds.right_m_per_s, &around);
         let most = left.power.abs().max(right.power.abs());
-        let part = if most > 1.0 { 1.0 / most } else { 1.0 };
-        let control = WheelControl {
+        let is_all = most <= 1.0;
+        if !is_all {
+            let part = 1.0 / most;
+            left.power *= part;
+            right.power *= part;
+        }
+        let left_follows = self.left.drive(&left, is_all, speeds.left_m_per_s);
+        let right_follows = self.right.drive(&right, is_all, speeds.right_m_per_s);
+        *io.write(Self::CONTROL) = WheelControl {
             left_set_m_per_s: self.left.goal.speed(),
             right_set_m_per_s: self.right.goal.speed(),
-            left_power: left.power * part,
-            right_power: right.power * part,
+            left_power: left.power,
+            right_power: right.power,
         };
-        let left_follows = (self.left).drive(&left, part, control.left_power, speeds.left_m_per_s);
-        let right_follows =
-            (self.right).drive(&right, part, control.right_power, speeds.right_m_per_s);
-        *io.write(Self::CONTROL) = control;
         self.blocked_for_us = if left_follows && right_follows {
             0
         } else {
