@@ -1,10 +1,7 @@
 //! Runs on the host board that are recorded, and what a recording of each shipped mission takes.
 
-use std::cell::RefCell;
 use std::fmt;
-use std::io::{self, Write};
 use std::path::Path;
-use std::rc::Rc;
 use std::time::Duration;
 
 use host_tools::compile::compile;
@@ -12,6 +9,7 @@ use host_tools::files::load_world;
 use host_tools::recording::writer::Counts;
 use host_tools::run::board::Board;
 use host_tools::run::drive::{self, Plan, Planned};
+use host_tools::run::in_memory::InMemory;
 use host_tools::run::interrupt::Interrupt;
 use host_tools::run::mission::Mission;
 use host_tools::schedule::handover::Handover;
@@ -162,21 +160,6 @@ pub fn record_shipped(seconds: u64) -> Vec<Row> {
     .collect()
 }
 
-/// A file in memory that two hold.
-#[derive(Clone, Default)]
-struct Kept(Rc<RefCell<Vec<u8>>>);
-
-impl Write for Kept {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.borrow_mut().extend_from_slice(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
 /// A shipped mission.
 ///
 /// # Panics
@@ -214,7 +197,7 @@ impl RecordedRun {
 }
 
 fn made(missions: Vec<Planned>, world: &str, seed: u64, until_s: u64) -> Made {
-    let recording = Kept::default();
+    let recording = InMemory::default();
     let world = root().join(format!("missions/worlds/{world}.world"));
     let world = load_world(&world).unwrap_or_else(|error| panic!("{error}"));
     let plan = Plan {
@@ -237,7 +220,7 @@ fn made(missions: Vec<Planned>, world: &str, seed: u64, until_s: u64) -> Made {
         .unwrap_or_else(|problem| panic!("{problem}"));
     let counts = run.recorded.unwrap_or_default();
     assert_eq!(counts.gaps, 0, "{counts:?}");
-    let recording = recording.0.borrow().clone();
+    let recording = recording.bytes().to_vec();
     Made {
         recording,
         counts,

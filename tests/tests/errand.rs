@@ -12,24 +12,47 @@ use host_tools::world::World;
 /// How far from its start it may end, in metres.
 const MOST_M: f64 = 0.25;
 
+/// How an errand has ended.
+struct Ended {
+    /// How far it is from its start, in metres.
+    off_m: f64,
+    /// Names of the rooms that it has entered, in the order of the world's.
+    rooms: String,
+    collisions: u32,
+    trace: String,
+}
+
+fn driven(world: &str, seed: u64, until_s: u64, sonar_breaks: Vec<SonarBreak>) -> Ended {
+    let world = host_drive::world(world);
+    let start = world.start.position;
+    let run = host_drive::driven(Plan {
+        seed,
+        until_us: Some(until_s * 1_000_000),
+        sonar_breaks,
+        ..host_drive::plan(&root().join("missions/errand.esm"), world)
+    });
+    let end = run.plant.pose().position;
+    Ended {
+        off_m: libm::hypot(end.x_m - start.x_m, end.y_m - start.y_m),
+        rooms: run.plant.statistics().rooms_entered().join(" "),
+        collisions: run.plant.collisions(),
+        trace: String::from_utf8(run.told.out).unwrap(),
+    }
+}
+
 #[test]
 fn the_errand_ends_where_it_began_and_touches_nobody() {
     for seed in 1..=6 {
-        let world = host_drive::world("office_floor");
-        let start = world.start.position;
-        let run = host_drive::driven(Plan {
-            seed,
-            until_us: Some(270_000_000),
-            ..host_drive::plan(&root().join("missions/errand.esm"), world)
-        });
-        let end = run.plant.pose().position;
-        let off_m = libm::hypot(end.x_m - start.x_m, end.y_m - start.y_m);
-        let rooms = run.plant.statistics().rooms_entered().join(" ");
+        let Ended {
+            off_m,
+            rooms,
+            collisions,
+            trace,
+        } = driven("office_floor", seed, 270, Vec::new());
         println!("seed {seed}: {off_m:.3} m off, by {rooms}");
-        assert_eq!(run.plant.collisions(), 0, "seed {seed}");
+        assert_eq!(collisions, 0, "seed {seed}");
         assert_eq!(rooms, "corridor lab storeroom", "seed {seed}");
         assert!(off_m < MOST_M, "seed {seed}: {off_m} m");
-        let trace = String::from_utf8(run.told.out).unwrap();
         let entered = |state: &str| trace.matches(&format!(r#""to":"errand/{state}""#)).count();
         assert_eq!(
             (entered("GivenUp"), entered("final")),
@@ -45,23 +68,19 @@ fn the_errand_comes_home_without_any_one_of_its_sonars() {
     // They die in a room, in a door, in the corridor there, and behind the second turn.
     let dies_s = [3, 22, 45, 60, 95, 110, 130, 150];
     for (sonar, dies_s) in dies_s.into_iter().enumerate() {
-        let world = host_drive::world("office_floor");
-        let start = world.start.position;
-        let run = host_drive::driven(Plan {
-            seed: 1,
-            until_us: Some(290_000_000),
-            sonar_breaks: vec![SonarBreak {
-                sonar,
-                fault: SonarFault::Dead,
-                robot_us: dies_s * 1_000_000,
-            }],
-            ..host_drive::plan(&root().join("missions/errand.esm"), world)
-        });
-        let end = run.plant.pose().position;
-        let off_m = libm::hypot(end.x_m - start.x_m, end.y_m - start.y_m);
-        let rooms = run.plant.statistics().rooms_entered().join(" ");
+        let dies = SonarBreak {
+            sonar,
+            fault: SonarFault::Dead,
+            robot_us: dies_s * 1_000_000,
+        };
+        let Ended {
+            off_m,
+            rooms,
+            collisions,
+            ..
+        } = driven("office_floor", 1, 290, vec![dies]);
         println!("sonar {sonar} dead at {dies_s} s: {off_m:.3} m off, by {rooms}");
-        assert_eq!(run.plant.collisions(), 0, "sonar {sonar}");
+        assert_eq!(collisions, 0, "sonar {sonar}");
         assert_eq!(rooms, "corridor lab storeroom", "sonar {sonar}");
         assert!(off_m < MOST_M, "sonar {sonar}: {off_m} m");
     }
@@ -70,21 +89,16 @@ fn the_errand_comes_home_without_any_one_of_its_sonars() {
 #[test]
 fn an_errand_whose_door_is_shut_turns_back_at_the_end_of_the_corridor() {
     for seed in 1..=3 {
-        let world = host_drive::world("shut_doors");
-        let start = world.start.position;
-        let run = host_drive::driven(Plan {
-            seed,
-            until_us: Some(270_000_000),
-            ..host_drive::plan(&root().join("missions/errand.esm"), world)
-        });
-        let end = run.plant.pose().position;
-        let off_m = libm::hypot(end.x_m - start.x_m, end.y_m - start.y_m);
-        let trace = String::from_utf8(run.told.out).unwrap();
+        let Ended {
+            off_m,
+            rooms,
+            collisions,
+            trace,
+        } = driven("shut_doors", seed, 270, Vec::new());
         assert!(trace.contains(r#""to":"errand/NoDoor""#), "seed {seed}");
-        let rooms = run.plant.statistics().rooms_entered().join(" ");
         assert_eq!(rooms, "corridor storeroom", "seed {seed}");
         assert!(off_m < MOST_M, "seed {seed}: {off_m} m");
-        assert_eq!(run.plant.collisions(), 0);
+        assert_eq!(collisions, 0);
     }
 }
 

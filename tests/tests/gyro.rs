@@ -2,9 +2,6 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
-use std::cell::RefCell;
-use std::io::{self, Write};
-use std::rc::Rc;
 use std::time::Duration;
 
 use esm_tests::command::root;
@@ -14,42 +11,25 @@ use host_tools::parameters::Value;
 use host_tools::plant::{BodyParameters, Plant};
 use host_tools::recording::player::Recording;
 use host_tools::run::drive::Plan;
+use host_tools::run::in_memory::InMemory;
 use host_tools::world::World;
 
 /// The scale of the plant's gyroscope, as ten turns on the spot would tell it.
 const CALIBRATED: f64 = 1.0 / 1.01;
 
-#[derive(Clone, Default)]
-struct Recorded(Rc<RefCell<Vec<u8>>>);
-
-impl Write for Recorded {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.borrow_mut().extend_from_slice(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
-impl Recorded {
-    /// Which way the robot took itself to look at last, in radians from its start.
-    fn last_heading_rad(&self) -> f64 {
-        let bytes = self.0.borrow();
-        let recording = Recording::read(&bytes).unwrap();
-        let samples = recording.samples().map(Result::unwrap);
-        let headings = samples.flat_map(|sample| {
-            let nets = sample.nets.iter().zip(&sample.values);
-            let poses = nets.filter(|(watched, _)| watched.shape() == Shape::Pose);
-            let headings = poses.filter_map(|(_, values)| match values.as_deref() {
-                Some([_, _, Value::F32(heading_rad), ..]) => Some(f64::from(*heading_rad)),
-                _ => None,
-            });
-            headings.collect::<Vec<_>>()
+/// Which way the robot took itself to look at last, in radians from its start.
+fn last_heading_rad(recording: &Recording) -> f64 {
+    let samples = recording.samples().map(Result::unwrap);
+    let headings = samples.flat_map(|sample| {
+        let nets = sample.nets.iter().zip(&sample.values);
+        let poses = nets.filter(|(watched, _)| watched.shape() == Shape::Pose);
+        let headings = poses.filter_map(|(_, values)| match values.as_deref() {
+            Some([_, _, Value::F32(heading_rad), ..]) => Some(f64::from(*heading_rad)),
+            _ => None,
         });
-        headings.last().unwrap()
-    }
+        headings.collect::<Vec<_>>()
+    });
+    headings.last().unwrap()
 }
 
 /// A run of a mission, and by how much the robot is wrong about which way it looks at its end, in
@@ -66,7 +46,7 @@ fn driven(
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("drive.esm");
     std::fs::write(&file, text).unwrap();
-    let recorded = Recorded::default();
+    let recorded = InMemory::default();
     let run = host_drive::driven(Plan {
         seed,
         body,
@@ -77,7 +57,7 @@ fn driven(
     });
     let started_rad = world.start.heading_deg * core::f64::consts::PI / 180.0;
     let really_rad = run.plant.pose().heading_rad - started_rad;
-    let off_rad = really_rad - recorded.last_heading_rad();
+    let off_rad = really_rad - last_heading_rad(&recorded.read().unwrap());
     let turns = off_rad / core::f64::consts::TAU;
     (run.plant, (turns - libm::round(turns)) * 360.0)
 }

@@ -3,6 +3,7 @@
 pub mod board;
 pub mod by_hand;
 pub mod drive;
+pub mod in_memory;
 pub mod mission;
 pub mod story;
 pub mod summary;

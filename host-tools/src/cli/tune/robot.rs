@@ -7,9 +7,10 @@ use std::time::Duration;
 use anyhow::{Context, anyhow};
 use esm_link::message::Mode;
 
-use super::tune_mission::ROVER;
+use super::tune_mission::NAME;
 use crate::cli::console::Console;
 use crate::cli::exit::CommandError;
+use crate::cli::own_drive::ROVER;
 use crate::cli::recorder::Recorder;
 use crate::cli::robot::{self, Robot, RobotArgs};
 use crate::cli::run::read_recording;
@@ -37,7 +38,7 @@ pub fn drive(
     console: &mut Console,
 ) -> Result<Recording, CommandError> {
     let folder = tempfile::tempdir()?;
-    let path = folder.path().join("tune.esm");
+    let path = folder.path().join(NAME);
     let beside = folder.path().join("rover.esm");
     for (path, text) in [(&path, mission), (&beside, ROVER)] {
         fs::write(path, text)

@@ -4,19 +4,20 @@ use anyhow::anyhow;
 
 use super::numbers::{TASK, values_of};
 use crate::cli::exit::CommandError;
+use crate::cli::own_drive::ROVER;
 use crate::lang;
 use crate::tune::Gains;
 
-/// The mission that is driven.
+/// What it is called in messages.
+pub const NAME: &str = "tune.esm";
+/// Its text.
 pub const MISSION: &str = include_str!("../../../../missions/tune.esm");
-/// The tasks that it has.
-pub const ROVER: &str = include_str!("../../../../missions/rover.esm");
 
 /// The mission with these gains.
 pub fn mission_with(gains: &Gains) -> Result<String, CommandError> {
-    let files = [("tune.esm", MISSION), ("rover.esm", ROVER)];
+    let files = [(NAME, MISSION), ("rover.esm", ROVER)];
     let rewritten = lang::load_texts(&files).with_values(TASK, &values_of(gains));
-    let rewritten = rewritten.ok_or_else(|| CommandError::Input(anyhow!("tune.esm has errors")))?;
+    let rewritten = rewritten.ok_or_else(|| CommandError::Input(anyhow!("{NAME} has errors")))?;
     Ok(rewritten.text)
 }
 

@@ -10,6 +10,7 @@ use super::numbers::{TASK, rounded, values_of};
 use crate::clean::counted;
 use crate::cli::exit::CommandError;
 use crate::cli::{file, mission};
+use crate::lang::Checked;
 
 /// A file that the result goes into.
 #[derive(Debug)]
@@ -22,7 +23,12 @@ pub enum Target {
         document: Box<DocumentMut>,
     },
     /// A mission without errors.
-    Mission(PathBuf),
+    Mission {
+        /// Where it is.
+        path: PathBuf,
+        /// What it says.
+        checked: Box<Checked>,
+    },
 }
 
 /// Whether a path ends like this.
@@ -37,16 +43,18 @@ impl Target {
     /// It is none, or there are errors in it.
     pub fn of(path: &Path) -> Result<Self, CommandError> {
         if ends_in(path, "esm") {
-            return match mission::read(path)?.with_values(TASK, &[]) {
-                Some(found) if found.states > 0 => Ok(Target::Mission(path.to_owned())),
+            let checked = mission::read(path)?;
+            let shown = path.display();
+            return match checked.with_values(TASK, &[]) {
+                Some(found) if found.states > 0 => Ok(Target::Mission {
+                    path: path.to_owned(),
+                    checked: Box::new(checked),
+                }),
                 Some(_) => Err(CommandError::Input(anyhow!(
-                    "{} has no task state `{TASK}` whose gains could be written; those of other files that it uses are theirs",
-                    path.display()
+                    "{shown} has no task state `{TASK}` whose gains could be written; those of other files that it uses are theirs"
                 ))),
                 None => Err(CommandError::Input(anyhow!(
-                    "{} has errors: `esm check {}` says which",
-                    path.display(),
-                    path.display()
+                    "{shown} has errors: `esm check {shown}` says which"
                 ))),
             };
         }
@@ -70,7 +78,7 @@ impl Target {
     /// Where it is.
     pub fn path(&self) -> &Path {
         match self {
-            Target::Robot { path, .. } | Target::Mission(path) => path,
+            Target::Robot { path, .. } | Target::Mission { path, .. } => path,
         }
     }
 
@@ -105,11 +113,11 @@ impl Target {
                     path.display()
                 ))
             }
-            Target::Mission(path) => {
-                let rewritten = mission::read(path)?.with_values(TASK, &values_of(&found.gains));
-                let rewritten = rewritten.ok_or_else(|| {
-                    CommandError::Input(anyhow!("{} has errors by now", path.display()))
-                })?;
+            Target::Mission { path, checked } => {
+                // It was found to have such states, and no errors.
+                let Some(rewritten) = checked.with_values(TASK, &values_of(&found.gains)) else {
+                    return Err(CommandError::Told);
+                };
                 file::write_whole(path, rewritten.text.as_bytes(), "mission")?;
                 let states = counted(rewritten.states as u64, "task state");
                 Ok(format!(

@@ -1,27 +1,19 @@
 //! Squares that a simulated robot drives by its odometry, for `esm umbmark run`.
 
-use std::io;
-use std::path::Path;
 use std::time::Duration;
 
 use anyhow::anyhow;
 use esm_toolkit::values::Shape;
 
 use crate::cli::exit::CommandError;
-use crate::cli::memory::Recorded;
-use crate::cli::mission;
-use crate::compile::NameTable;
+use crate::cli::own_drive::{OwnDrive, compiled};
 use crate::host_board::RobotMaker;
-use crate::lang;
 use crate::odometry::umbmark::{Direction, Offset};
 use crate::parameters::Value;
 use crate::plant::{BodyParameters, Plant};
 use crate::recording::player::Recording;
-use crate::run::board::{Board, LinkWay};
-use crate::run::drive::{Plan, Planned, drive};
 use crate::run::interrupt::Interrupt;
 use crate::run::mission::Mission;
-
 use crate::world::World;
 
 /// The mission: counter-clockwise, with sides of 1 m.
@@ -37,9 +29,6 @@ const SCALE: &str = "scale = 1.0";
 const SIDE: &str = "distance_m = 1.0";
 const TO_THE_LEFT: &str = " / set .left";
 
-/// The tasks that it has.
-const ROVER: &str = include_str!("../../../../missions/rover.esm");
-
 /// What the mission is called in messages.
 const NAME: &str = "square.esm";
 
@@ -53,7 +42,8 @@ const SAMPLE_PERIOD: Duration = Duration::from_millis(100);
 
 /// A robot that is to drive squares of one size.
 pub struct Squares {
-    missions: [(Direction, Mission); 2],
+    /// Clockwise, counter-clockwise.
+    missions: [Mission; 2],
     world: World,
     body: BodyParameters,
     until_us: u64,
@@ -74,8 +64,7 @@ impl Squares {
             None => SQUARE.to_owned(),
             Some(scale) => SQUARE_WITH_GYRO.replace(SCALE, &format!("scale = {scale:?}")),
         };
-        let mission =
-            |direction| Ok::<_, CommandError>((direction, square(&text, direction, side_m)?));
+        let mission = |direction| square(&text, direction, side_m);
         // Both ways round, with a side to spare everywhere.
         let far_m = 2.0 * side_m + 1.0;
         let hall = format!(
@@ -104,41 +93,21 @@ impl Squares {
         robot: RobotMaker,
         interrupt: Interrupt,
     ) -> Result<Offset, CommandError> {
-        let missions = self.missions.iter();
-        let mission = missions.filter(|(way, _)| *way == direction);
-        let recorded = Recorded::default();
-        let plan = Plan {
-            link: LinkWay::Exchange,
-            seed,
+        let [clockwise, counter_clockwise] = &self.missions;
+        let square = OwnDrive {
+            what: "a square",
+            mission: match direction {
+                Direction::Clockwise => clockwise,
+                Direction::CounterClockwise => counter_clockwise,
+            },
+            world: &self.world,
             body: self.body,
-            until_us: Some(self.until_us),
-            record: Some(Box::new(recorded.clone())),
-            sample_period: Some(SAMPLE_PERIOD),
-            ..Plan::new(
-                Board::Host { robot },
-                self.world.clone(),
-                mission.map(|(_, it)| Planned::first(it.clone())).collect(),
-            )
+            seed,
+            sample_period: SAMPLE_PERIOD,
+            until_us: self.until_us,
         };
-        let run = drive(plan, io::sink(), interrupt, &mut |_| ())?;
-        if run.summary.interrupted {
-            return Err(CommandError::World(anyhow!(
-                "ended by Ctrl-C before all squares were driven"
-            )));
-        }
-        if let Some(fault) = run.summary.fault {
-            return Err(CommandError::Input(anyhow!(
-                "a square ended early: {fault}"
-            )));
-        }
-        if run.summary.finished_s.is_none() {
-            return Err(CommandError::Input(anyhow!(
-                "a square was not driven within {} s: does the robot take its wheels for other ones?",
-                self.until_us / 1_000_000
-            )));
-        }
-        let told = last_pose(&recorded.read()?)?;
-        Ok(off(&run.plant, told))
+        let (plant, recording) = square.carry_out(robot, interrupt)?;
+        Ok(off(&plant, last_pose(&recording)?))
     }
 }
 
@@ -149,11 +118,7 @@ fn square(text: &str, direction: Direction, side_m: f64) -> Result<Mission, Comm
         Direction::Clockwise => text.replace(TO_THE_LEFT, ""),
         Direction::CounterClockwise => text,
     };
-    let mut checked = lang::load_texts(&[(NAME, &text), ("rover.esm", ROVER)]);
-    let blob = mission::lay_out_and_compile(&mut checked, None, NameTable::Kept)?;
-    let defect = || CommandError::Input(anyhow!("{}", checked.render(false)));
-    let blob = blob.ok_or_else(defect)?;
-    Mission::new(Path::new(NAME), blob).map_err(|error| CommandError::Input(error.into()))
+    compiled(NAME, &text)
 }
 
 /// Where the robot took itself to be at last, in metres: the mission has one net with a pose.
