@@ -30,7 +30,9 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
 #[cfg(feature = "all-behaviours")]
-use crate::behaviours::{AlongWall, Approach, FollowCorridor, FollowObject, PassDoor, Wander};
+use crate::behaviours::{
+    AlongWall, Approach, Dock, FollowCorridor, FollowObject, PassDoor, Wander,
+};
 #[cfg(feature = "behaviours")]
 use crate::behaviours::{Behaviours, GoTo, Move, TurnTo};
 #[cfg(feature = "imu")]
@@ -386,6 +388,7 @@ registry! {
         wander: Wander[2] if "all-behaviours",
         approach: Approach[2] if "all-behaviours",
         follow_object: FollowObject[2] if "all-behaviours",
+        dock: Dock[1] if "all-behaviours",
     }
 }
 
@@ -470,6 +473,8 @@ where
             approach: TaskPool::new(array::from_fn(|_| Approach::default())),
             #[cfg(feature = "all-behaviours")]
             follow_object: TaskPool::new(array::from_fn(|_| FollowObject::default())),
+            #[cfg(feature = "all-behaviours")]
+            dock: TaskPool::new([Dock::default()]),
         }
     }
 }
