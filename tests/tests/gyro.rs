@@ -85,10 +85,10 @@ fn a_gyroscope_with_the_right_scale_knows_the_heading_where_the_wheels_do_not() 
     let calibrated = with_scale(&gyro, CALIBRATED);
     for (what, text, true_base_m, least_deg, most_deg) in [
         ("wheels", &wheels, 0.2015, 0.6, 1.2),
-        ("gyroscope", &gyro, 0.2015, 2.5, 3.6),
-        ("calibrated", &calibrated, 0.2015, 0.0, 0.9),
+        ("gyroscope", &gyro, 0.2015, 3.2, 3.9),
+        ("calibrated", &calibrated, 0.2015, 0.0, 0.3),
         ("wheels, base 2 % wrong", &wheels, 0.206, 7.0, 8.5),
-        ("calibrated, base 2 % wrong", &calibrated, 0.206, 0.0, 1.8),
+        ("calibrated, base 2 % wrong", &calibrated, 0.206, 0.0, 0.3),
     ] {
         let body = BodyParameters {
             wheel_base_m: true_base_m,

@@ -10,6 +10,10 @@ use crate::task::{Step, Task};
 /// is what its bias has changed by since it was measured. 2 °/s.
 const STANDS_RAD_PER_S: f32 = 0.035;
 
+/// Wheels stand that have not been counted on for so long, in microseconds: those that end a turn
+/// are counted on less than once in an activation.
+const STANDS_US: u32 = 100_000;
+
 /// A rate counts for so many steps, 30 ms in a slot of 10 ms; where no new one has come by then,
 /// nobody measures it any more. Its port has no `within`, which would have it on a net in each
 /// mission.
@@ -29,6 +33,8 @@ pub struct Odometry<L, R> {
     /// The number of the last rate, and for how many steps it counts still.
     rate_count: u8,
     fresh_steps: u8,
+    /// How long no wheel was counted on, in microseconds.
+    stood_us: u32,
 }
 
 task! {
@@ -60,6 +66,7 @@ impl<L: EncoderCounter, R: EncoderCounter> Odometry<L, R> {
             located: Pose::START,
             rate_count: 0,
             fresh_steps: 0,
+            stood_us: STANDS_US,
         }
     }
 }
@@ -70,6 +77,11 @@ impl<L: EncoderCounter + Send, R: EncoderCounter + Send> Task for Odometry<L, R>
         let left_m = left as f32 * self.metres_per_count;
         let right_m = right as f32 * self.metres_per_count;
         let period_s = io.period_us() as f32 / 1e6;
+        self.stood_us = if left | right != 0 {
+            0
+        } else {
+            self.stood_us.saturating_add(io.period_us())
+        };
         let mut turned_rad = (right_m - left_m) / self.wheel_base_m;
         if let Some(rate) = io.try_read(Self::YAW_RATE) {
             let rate_rad_per_s = rate.yaw_rate_rad_per_s;
@@ -79,9 +91,8 @@ impl<L: EncoderCounter + Send, R: EncoderCounter + Send> Task for Odometry<L, R>
                 FRESH_STEPS
             };
             self.rate_count = rate.count;
-            if self.fresh_steps > 0
-                && (left | right != 0 || rate_rad_per_s.abs() > STANDS_RAD_PER_S)
-            {
+            let stands = self.stood_us >= STANDS_US && rate_rad_per_s.abs() <= STANDS_RAD_PER_S;
+            if self.fresh_steps > 0 && !stands {
                 turned_rad = rate_rad_per_s * period_s;
             }
         }
@@ -155,6 +166,33 @@ mod tests {
             assert!((turned_rad - expected_rad).abs() < 1e-6, "{turned_rad}");
             let way_m = f32::from(left + right) * 0.0005;
             assert!((pose.x_m - way_m).abs() < 1e-5, "{pose:?}");
+        }
+    }
+
+    #[test]
+    fn wheels_that_are_counted_on_now_and_then_do_not_stand() {
+        let pins = PinImage::new();
+        let mut bench = bench(&pins);
+        let (mut left_count, mut last_rad) = (0, 0.0);
+        for step in 0..50_u8 {
+            // One count in four activations, until the wheels stand.
+            left_count += u16::from(step % 4 == 0 && step < 20);
+            pins.set_sensors(&Sensors {
+                left_count,
+                ..Sensors::default()
+            });
+            let rate = YawRate {
+                yaw_rate_rad_per_s: -0.02,
+                count: step + 1,
+            };
+            bench.give(Task::YAW_RATE, rate);
+            bench.step();
+            let heading_rad = bench.output(Task::POSE).unwrap().heading_rad;
+            // The first count is before the first look; the last stands for 0.1 s.
+            let turns = (4..21).contains(&step);
+            let turned_rad = if turns { -0.0004 } else { 0.0 };
+            assert!((heading_rad - last_rad - turned_rad).abs() < 1e-7, "{step}");
+            last_rad = heading_rad;
         }
     }
 
