@@ -14,7 +14,7 @@ pub fn wrapped_rad(angle_rad: f32) -> f32 {
     }
 }
 
-/// Sine and cosine of an angle, to 6e-8 up to a million turns; not a number where the angle is none.
+/// Sine and cosine of an angle, to 6e-8 up to a million turns; not a number where the angle is not.
 ///
 /// In whole numbers, for a core without a floating-point unit takes a hundred instructions to add
 /// two `f32`: the angle becomes a part of a turn, whose distance from the nearest quarter turn, an
