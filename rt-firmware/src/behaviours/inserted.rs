@@ -1,5 +1,6 @@
 //! A behaviour that no task state has put onto the list, but a command or a script.
 
+use super::landmarks::Landmarks;
 use super::list::{BehaviourList, Key};
 use super::place::{Around, Place, Turn};
 use super::repertoire::Repertoire;
@@ -75,11 +76,17 @@ impl<R: Repertoire> Inserted<R> {
         })
     }
 
+    /// Whether a landmark is watched for.
+    pub(super) fn has_landmarks(&self) -> bool {
+        self.watches.has_landmarks()
+    }
+
     /// Looks for its situations, takes part in the list, and in its turn says how to move.
     pub(super) fn step(
         &mut self,
         list: &mut BehaviourList,
         around: &Surroundings<'_>,
+        landmarks: &Landmarks,
     ) -> (Turn, Reactions) {
         let asked = if self.is_suspended {
             Twist::STILL
@@ -93,6 +100,7 @@ impl<R: Repertoire> Inserted<R> {
             asked,
             ranges: way_round.ranges(around.ranges, &mut room),
             battery_v: around.battery_v,
+            landmarks,
             period_us: around.period_us,
         });
         if reactions.cancel {

@@ -54,6 +54,7 @@ mod follow_corridor;
 mod follow_object;
 mod go_to;
 mod inserted;
+mod landmarks;
 mod law;
 mod life_cycle;
 mod list;

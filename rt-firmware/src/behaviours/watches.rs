@@ -1,5 +1,7 @@
 //! The situations that a command has put beside a behaviour.
 
+use super::beams::Side;
+use super::landmarks::Landmarks;
 use crate::odometry::wrapped_rad;
 use crate::tasks::{Pose, Ranges, Sector, Twist};
 use esm_link::behaviours::{MAX_WATCHES, Reaction, Situation, Watch};
@@ -8,6 +10,9 @@ use esm_link::behaviours::{MAX_WATCHES, Reaction, Situation, Watch};
 const MOVED_M: f32 = 0.01;
 const MOVED_RAD: f32 = 0.02;
 const US_PER_S: f32 = 1e6;
+
+/// How long a door that was passed is up, in microseconds: long enough for a mission to see it.
+const PASSED_US: u32 = 1_000_000;
 
 /// What is looked at.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +25,8 @@ pub(super) struct Seen<'a> {
     pub(super) ranges: Option<&'a Ranges>,
     /// Of the battery, in volts, if anybody knows.
     pub(super) battery_v: Option<f32>,
+    /// What it drives past.
+    pub(super) landmarks: &'a Landmarks,
     /// Time since the last look, in microseconds.
     pub(super) period_us: u32,
 }
@@ -42,7 +49,8 @@ pub(super) struct Reactions {
 #[derive(Clone, Copy, Debug)]
 struct Watched {
     watch: Watch,
-    /// How long it has lasted, for a situation that takes time, in microseconds.
+    /// How long it has lasted, for a situation that takes time, or how long it is still up, for one
+    /// that is over at once; in microseconds.
     lasts_us: u32,
     is_up: bool,
 }
@@ -67,6 +75,11 @@ impl Watches {
             watched: watches.map(|watch| watch.map(begin)),
             moved: None,
         }
+    }
+
+    /// Whether one of them is a landmark.
+    pub(super) fn has_landmarks(&self) -> bool {
+        (self.watched.iter().flatten()).any(|watched| watched.watch.situation.is_landmark())
     }
 
     /// Looks for all of them.
@@ -112,27 +125,48 @@ impl Watches {
 impl Watched {
     fn look(&mut self, seen: &Seen<'_>, moves: bool) {
         let value = self.watch.value;
-        let mut lasts = |is_so: bool| {
-            self.lasts_us = if is_so {
-                self.lasts_us.saturating_add(seen.period_us)
-            } else {
-                0
-            };
-            is_so && self.lasts_us as f32 >= value * US_PER_S
-        };
         self.is_up = match self.watch.situation {
             Situation::OutsideRange => (seen.pose)
                 .is_some_and(|pose| pose.x_m * pose.x_m + pose.y_m * pose.y_m > value * value),
-            Situation::Stuck => lasts(!moves),
+            Situation::Stuck => self.lasts(!moves, seen.period_us),
             Situation::SensorLost => {
                 let front_m = seen.ranges.map(|ranges| ranges.free_range(Sector::Front));
-                lasts(front_m.is_none_or(|front_m| front_m <= 0.0))
+                let is_lost = front_m.is_none_or(|front_m| front_m <= 0.0);
+                self.lasts(is_lost, seen.period_us)
             }
             // Who watches what nobody measures is told so at once.
             Situation::LowBattery => seen.battery_v.is_none_or(|voltage_v| voltage_v < value),
             Situation::Near => (seen.ranges).is_none_or(|ranges| ranges.nearest_m() < value),
+            Situation::DoorLeft => self.was_passed(seen.landmarks.door_m(Side::Left), seen),
+            Situation::DoorRight => self.was_passed(seen.landmarks.door_m(Side::Right), seen),
+            Situation::CornerLeft => is_within(seen.landmarks.corner_m(Side::Left), value),
+            Situation::CornerRight => is_within(seen.landmarks.corner_m(Side::Right), value),
         };
     }
+
+    /// Whether it has been so for as many seconds as the situation takes.
+    fn lasts(&mut self, is_so: bool, period_us: u32) -> bool {
+        self.lasts_us = if is_so {
+            self.lasts_us.saturating_add(period_us)
+        } else {
+            0
+        };
+        is_so && self.lasts_us as f32 >= self.watch.value * US_PER_S
+    }
+
+    /// Whether something as wide as the situation takes was passed just now.
+    fn was_passed(&mut self, width_m: Option<f32>, seen: &Seen<'_>) -> bool {
+        self.lasts_us = if width_m.is_some_and(|width_m| width_m >= self.watch.value) {
+            PASSED_US
+        } else {
+            self.lasts_us.saturating_sub(seen.period_us)
+        };
+        self.lasts_us > 0
+    }
+}
+
+fn is_within(seen_m: Option<f32>, range_m: f32) -> bool {
+    seen_m.is_some_and(|seen_m| seen_m < range_m)
 }
 
 #[cfg(test)]
@@ -153,12 +187,15 @@ mod tests {
         Watches::new([Some(watch), None, None])
     }
 
+    const NO_LANDMARKS: &Landmarks = &Landmarks::NONE;
+
     fn seen(x_m: f32, ranges: Option<&Ranges>) -> Seen<'_> {
         Seen {
             pose: Some(Pose { x_m, ..Pose::START }),
             asked: FORWARDS,
             ranges,
             battery_v: Some(7.0),
+            landmarks: NO_LANDMARKS,
             period_us: 100_000,
         }
     }

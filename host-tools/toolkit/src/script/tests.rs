@@ -122,6 +122,14 @@ fn a_mistake_has_a_place_a_cause_and_a_fix() {
             ("E009", 1, 28, "from 0 on"),
         ),
         (
+            "turn unless near range_m = inf -> end",
+            ("E009", 1, 28, "from 0 on"),
+        ),
+        (
+            "turn unless door_left least_m = 1.31 -> end",
+            ("E009", 1, 33, "from 0 to 1.3"),
+        ),
+        (
             "turn unless near range_m = 1",
             ("E001", 1, 29, "suspend, cancel, end, flag, insert"),
         ),
