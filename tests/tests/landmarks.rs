@@ -157,3 +157,27 @@ fn a_corner_is_a_wall_ahead_and_one_beside_and_somebody_ahead_is_none() {
         }
     }
 }
+
+#[test]
+fn a_mission_turns_to_the_second_door_on_its_left() {
+    for seed in 1..=4 {
+        let run = host_drive::driven(Plan {
+            seed,
+            until_us: Some(45_000_000),
+            ..host_drive::plan(
+                &root().join("missions/landmark.esm"),
+                host_drive::world("corridor"),
+            )
+        });
+        let (at, trace) = (run.plant.pose(), String::from_utf8(run.told.out).unwrap());
+        println!(
+            "seed {seed}: {:.2} m, {:.2} rad",
+            at.position.x_m, at.heading_rad
+        );
+        // It is a niche from 6.5 to 7.4 m.
+        assert!((6.9..7.5).contains(&at.position.x_m) && (at.heading_rad - 1.57).abs() < 0.1);
+        let entered = |state: &str| trace.contains(&format!(r#""to":"{state}""#));
+        assert!(entered("way/Look") && entered("way/final") && !entered("way/GivenUp"));
+        assert_eq!(run.plant.collisions(), 0);
+    }
+}

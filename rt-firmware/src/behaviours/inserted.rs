@@ -4,7 +4,8 @@ use super::landmarks::Landmarks;
 use super::list::{BehaviourList, Key};
 use super::place::{Around, Place, Turn};
 use super::repertoire::Repertoire;
-use super::watches::{Reactions, Seen, Watches};
+use super::situation::Circumstances;
+use super::watches::{Reactions, Watches};
 use crate::declaration::Params;
 use crate::list_command::Call;
 use crate::tasks::{Pose, Ranges, Twist};
@@ -95,14 +96,14 @@ impl<R: Repertoire> Inserted<R> {
         };
         let way_round = list.way_round;
         let mut room = None;
-        let reactions = self.watches.look(&Seen {
+        let seen = Circumstances {
             pose: (around.pose).map(|pose| self.place.see(way_round.pose(pose))),
             asked,
             ranges: way_round.ranges(around.ranges, &mut room),
             battery_v: around.battery_v,
-            landmarks,
             period_us: around.period_us,
-        });
+        };
+        let reactions = self.watches.look(&seen, landmarks);
         if reactions.cancel {
             return (self.place.end(list, false), reactions);
         }

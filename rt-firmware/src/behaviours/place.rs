@@ -3,7 +3,7 @@
 use super::law::{Behaviour, Control, Scene};
 use super::life_cycle::LifeState;
 use super::list::{BehaviourList, Key};
-use super::situation::{OutsideRange, Reaction, SafetyCheck, Situation};
+use super::situation::{SafetyCheck, is_outside};
 use crate::declaration::Params;
 use crate::odometry::LocalFrame;
 use crate::tasks::{Pose, Ranges, Twist};
@@ -215,7 +215,8 @@ impl Place {
             Role::Executes | Role::Waits => {}
             Role::Idles => {
                 let way = SafetyCheck::is_free_again(&self.asked, around.ranges);
-                let is_free = !self.is_barred && (turns || way);
+                let is_barred = self.is_barred || self.key.is_some_and(|key| list.is_barred(key));
+                let is_free = !is_barred && (turns || way);
                 self.free_us = if is_free {
                     self.free_us.saturating_add(around.period_us)
                 } else {
@@ -238,29 +239,20 @@ impl Place {
         pose: &Pose,
         control: Control,
     ) -> Turn {
-        let outside = OutsideRange {
-            radius_m: around.outside_m,
-        };
         let Control::Move(twist) = control else {
             return self.end(list, control == Control::Failed);
         };
         self.asked = twist;
-        let barred = self.is_barred.then_some(Reaction::Suspend);
-        let reaction = (outside.look(pose, &twist, around.ranges))
-            .or(barred)
-            .or_else(|| SafetyCheck.look(pose, &twist, around.ranges));
-        match reaction {
-            None => {
-                list.ask(list.way_round.twist(twist));
-                Turn::Goes { suspended: false }
-            }
-            Some(Reaction::Cancel) => self.end(list, false),
-            Some(Reaction::Suspend) => {
-                self.free_us = 0;
-                list.idle();
-                self.wait(list, around, Role::Idles, false)
-            }
+        if around.outside_m > 0.0 && is_outside(pose, around.outside_m) {
+            return self.end(list, false);
         }
+        if self.is_barred || !SafetyCheck::is_free(&twist, around.ranges) {
+            self.free_us = 0;
+            list.idle();
+            return self.wait(list, around, Role::Idles, false);
+        }
+        list.ask(list.way_round.twist(twist));
+        Turn::Goes { suspended: false }
     }
 
     /// Leaves the list.
