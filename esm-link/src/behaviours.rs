@@ -111,16 +111,32 @@ pub enum Situation {
     LowBattery = 3,
     /// Something is nearer than so many metres, in any direction.
     Near = 4,
+    /// A door opening on the left, at least so many metres wide, was passed.
+    DoorLeft = 5,
+    /// A door opening on the right, at least so many metres wide, was passed.
+    DoorRight = 6,
+    /// A wall ahead and one on the left are both nearer than so many metres.
+    CornerLeft = 7,
+    /// A wall ahead and one on the right are both nearer than so many metres.
+    CornerRight = 8,
 }
+
+/// The least width that can be asked of a door, at most: no opening that is much wider is a door,
+/// in metres.
+pub const MAX_DOOR_M: f32 = 1.3;
 
 impl Situation {
     /// All of them, by their numbers.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 9] = [
         Self::OutsideRange,
         Self::Stuck,
         Self::SensorLost,
         Self::LowBattery,
         Self::Near,
+        Self::DoorLeft,
+        Self::DoorRight,
+        Self::CornerLeft,
+        Self::CornerRight,
     ];
 
     /// What scripts call it, and its parameter.
@@ -131,7 +147,27 @@ impl Situation {
             Self::SensorLost => ("sensor_lost", "after_s"),
             Self::LowBattery => ("low_battery", "below_v"),
             Self::Near => ("near", "range_m"),
+            Self::DoorLeft => ("door_left", "least_m"),
+            Self::DoorRight => ("door_right", "least_m"),
+            Self::CornerLeft => ("corner_left", "range_m"),
+            Self::CornerRight => ("corner_right", "range_m"),
         }
+    }
+
+    /// The most that its parameter can be; the least is 0.
+    pub const fn most(self) -> f32 {
+        match self {
+            Self::DoorLeft | Self::DoorRight => MAX_DOOR_M,
+            _ => f32::MAX,
+        }
+    }
+
+    /// Whether it is something that the robot drives past, or up to.
+    pub const fn is_landmark(self) -> bool {
+        matches!(
+            self,
+            Self::DoorLeft | Self::DoorRight | Self::CornerLeft | Self::CornerRight
+        )
     }
 }
 
@@ -187,11 +223,12 @@ impl Watch {
         [self.situation as u8, self.reaction.number(), a, b, c, d]
     }
 
-    /// Reads its bytes. None where they are none, or the value is negative or no number.
+    /// Reads its bytes. None where they are none, or the value is negative, no number, or above
+    /// [`Situation::most`].
     pub fn of_bytes([situation, reaction, value @ ..]: [u8; WATCH_BYTES]) -> Option<Self> {
         let value = f32::from_le_bytes(value);
         let situation = Situation::ALL.get(usize::from(situation)).copied()?;
-        (value.is_finite() && value >= 0.0).then_some(Self {
+        (0.0..=situation.most()).contains(&value).then_some(Self {
             situation,
             value,
             reaction: Reaction::of_number(reaction)?,
@@ -312,7 +349,7 @@ mod tests {
             ] {
                 let watch = Watch {
                     situation,
-                    value: 1.5,
+                    value: 1.25,
                     reaction,
                 };
                 assert_eq!(Watch::of_bytes(watch.to_bytes()), Some(watch));
@@ -325,7 +362,7 @@ mod tests {
         };
         let bytes = good.to_bytes();
         for (place, byte) in [
-            (0, 5),
+            (0, 9),
             (1, 4),
             (1, 15),
             (1, 32),
@@ -339,6 +376,13 @@ mod tests {
                 bad[4] = 0x80;
             }
             assert_eq!(Watch::of_bytes(bad), None, "{place}: {byte}");
+        }
+        // A door of 1.3 m, and of the next number.
+        for (wider, is_one) in [(0, true), (1, false)] {
+            let mut door = bytes;
+            door[0] = Situation::DoorLeft as u8;
+            door[2..].copy_from_slice(&(MAX_DOOR_M.to_bits() + wider).to_le_bytes());
+            assert_eq!(Watch::of_bytes(door).is_some(), is_one);
         }
     }
 

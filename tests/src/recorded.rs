@@ -66,6 +66,7 @@ pub const SHIPPED: [(&str, &[&str]); 21] = [
     ("tutorial/6_everything", &["track"]),
     ("square", &["empty"]),
     ("guard", &["visitors"]),
+    ("landmark", &["corridor"]),
     ("errand", &["office_floor"]),
     ("follow_me", &["visitors"]),
     ("wander", &["cluttered"]),

@@ -100,7 +100,7 @@ fn a_behaviour_that_is_none_is_refused_with_a_reason_and_nothing_moves() {
             ..move_on(&good)
         };
         let bad_watch = Call {
-            watches: &[9, 0, 0, 0, 0, 0],
+            watches: &[99, 0, 0, 0, 0, 0],
             ..move_on(&good)
         };
         let nan = Watch {

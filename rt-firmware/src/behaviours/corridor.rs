@@ -231,7 +231,7 @@ pub(super) struct Corridor {
 
 /// How far a wall was not seen.
 #[derive(Clone, Copy, Debug, Default)]
-struct Unseen {
+pub(super) struct Unseen {
     /// Way since a ping to the side saw it, in metres.
     way_m: f32,
     /// Way since a ping to the side did not see something before it, in metres.
@@ -241,7 +241,15 @@ struct Unseen {
 }
 
 impl Unseen {
-    fn go_on(&mut self, way_m: f32, look: Option<Look>) {
+    /// It was seen just now.
+    pub(super) const NOT: Self = Self {
+        way_m: 0.0,
+        hidden_m: 0.0,
+        is_away: false,
+    };
+
+    /// Goes on by so far, with what a ping saw meanwhile.
+    pub(super) fn go_on(&mut self, way_m: f32, look: Option<Look>) {
         self.way_m += way_m;
         self.hidden_m += way_m;
         self.is_away = look.map_or(self.is_away, |look| look.seen != Seen::Wall);
@@ -252,7 +260,13 @@ impl Unseen {
         }
     }
 
-    fn is_lost(&self) -> bool {
+    /// How far it was not seen, in metres.
+    pub(super) fn way_m(&self) -> f32 {
+        self.way_m
+    }
+
+    /// It was not seen for so far that it is not there any more.
+    pub(super) fn is_lost(&self) -> bool {
         self.way_m > LOST_M || self.hidden_m > HIDDEN_M
     }
 }
@@ -291,7 +305,7 @@ pub(super) enum Seen {
 
 impl Seen {
     /// What is farther than the wall by so much, heard by a sonar that may hear posts.
-    fn of(error_m: f32, hears_posts: bool) -> Self {
+    pub(super) fn of(error_m: f32, hears_posts: bool) -> Self {
         if error_m > GATE_M {
             Self::Beyond
         } else if error_m < -GATE_M {
@@ -318,7 +332,6 @@ pub(super) struct Look {
     error_m: f32,
 }
 
-#[cfg(test)]
 impl Look {
     /// A look at something that is where this says.
     pub fn new(seen: Seen, along_m: f32, wall_m: f32) -> Self {

@@ -1,6 +1,7 @@
 //! The owner of the list of behaviours.
 
 use super::inserted::{Inserted, Surroundings};
+use super::landmarks::Landmarks;
 use super::list::{BehaviourList, Key, MAX_BEHAVIOURS};
 use super::place::Turn;
 use super::remote_control::RemoteControl;
@@ -25,6 +26,7 @@ pub struct Behaviours<R = ShippedLaws> {
     inserted: [Option<Inserted<R>>; MAX_BEHAVIOURS],
     remote: Option<RemoteControl>,
     script: Script,
+    landmarks: Landmarks,
 }
 
 impl<R> Default for Behaviours<R> {
@@ -33,6 +35,7 @@ impl<R> Default for Behaviours<R> {
             inserted: [const { None }; MAX_BEHAVIOURS],
             remote: None,
             script: Script::default(),
+            landmarks: Landmarks::NONE,
         }
     }
 }
@@ -130,13 +133,14 @@ impl<R: Repertoire> Behaviours<R> {
     fn execute(&mut self, list: &mut BehaviourList, around: &Surroundings<'_>) -> bool {
         let remote = self.remote.take();
         self.remote = remote.filter(|remote| remote.step(list, around));
+        self.look_for_landmarks(list, around);
         let mut noticed = false;
         for place in 0..MAX_BEHAVIOURS {
             let Some(Some(inserted)) = self.inserted.get_mut(place) else {
                 continue;
             };
             let (key, origin) = (inserted.key, inserted.origin);
-            let (turn, reactions) = inserted.step(list, around);
+            let (turn, reactions) = inserted.step(list, around, &self.landmarks);
             noticed |= reactions.flag;
             if reactions.end_script {
                 self.end_script(list);
@@ -154,6 +158,20 @@ impl<R: Repertoire> Behaviours<R> {
         }
         self.go_on(list, around);
         noticed
+    }
+
+    /// Looks for landmarks, as long as somebody watches for one.
+    fn look_for_landmarks(&mut self, list: &BehaviourList, around: &Surroundings<'_>) {
+        let mut inserted = self.inserted.iter().flatten();
+        if !inserted.any(Inserted::has_landmarks) {
+            self.landmarks = Landmarks::NONE;
+            return;
+        }
+        let way_round = list.way_round;
+        let mut room = None;
+        let ranges = way_round.ranges(around.ranges, &mut room);
+        let pose = around.pose.map(|pose| way_round.pose(pose));
+        (self.landmarks).look(pose.as_ref(), ranges, around.period_us);
     }
 
     /// Puts the next step of the script onto the list, if it is its turn. Where there is no room,

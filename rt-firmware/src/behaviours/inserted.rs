@@ -1,9 +1,11 @@
 //! A behaviour that no task state has put onto the list, but a command or a script.
 
+use super::landmarks::Landmarks;
 use super::list::{BehaviourList, Key};
 use super::place::{Around, Place, Turn};
 use super::repertoire::Repertoire;
-use super::watches::{Reactions, Seen, Watches};
+use super::situation::Circumstances;
+use super::watches::{Reactions, Watches};
 use crate::declaration::Params;
 use crate::list_command::Call;
 use crate::tasks::{Pose, Ranges, Twist};
@@ -71,11 +73,17 @@ impl<R: Repertoire> Inserted<R> {
         })
     }
 
+    /// Whether a landmark is watched for.
+    pub(super) fn has_landmarks(&self) -> bool {
+        self.watches.has_landmarks()
+    }
+
     /// Looks for its situations, takes part in the list, and in its turn says how to move.
     pub(super) fn step(
         &mut self,
         list: &mut BehaviourList,
         around: &Surroundings<'_>,
+        landmarks: &Landmarks,
     ) -> (Turn, Reactions) {
         let asked = if self.is_suspended {
             Twist::STILL
@@ -84,13 +92,14 @@ impl<R: Repertoire> Inserted<R> {
         };
         let way_round = list.way_round;
         let mut room = None;
-        let reactions = self.watches.look(&Seen {
+        let seen = Circumstances {
             pose: (around.pose).map(|pose| self.place.see(way_round.pose(pose))),
             asked,
             ranges: way_round.ranges(around.ranges, &mut room),
             battery_v: around.battery_v,
             period_us: around.period_us,
-        });
+        };
+        let reactions = self.watches.look(&seen, landmarks);
         if reactions.cancel {
             return (self.place.end(list, false), reactions);
         }

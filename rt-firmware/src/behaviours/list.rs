@@ -17,6 +17,10 @@ const PLACES: usize = MAX_BEHAVIOURS + 1;
 /// left.
 pub const UNSEEN_LOOKS: u8 = 2;
 
+/// A situation that does not say anew for so many looks that it lasts is over, or nobody watches
+/// for it any more.
+const BARRED_LOOKS: u8 = 2;
+
 /// Who is on the list.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Key(u16);
@@ -49,6 +53,8 @@ struct Entry {
     unseen: u8,
     /// It was suspended by hand.
     is_held: bool,
+    /// A situation keeps it from executing, for so many looks more.
+    barred: u8,
 }
 
 /// The behaviours of a robot, in the order in which they execute. The head does; the others wait.
@@ -61,8 +67,10 @@ pub struct BehaviourList {
     entries: [Entry; PLACES],
     len: u8,
     last_key: u16,
-    /// What the behaviour that executes asks for, until it is taken.
-    asked: Option<Twist>,
+    /// What the behaviour that executes has asked for, in this look or in the last one.
+    asked: Twist,
+    /// It was not taken yet.
+    is_new: bool,
     /// Which way round the robot drives, whoever executes.
     pub(super) way_round: WayRound,
 }
@@ -76,10 +84,12 @@ impl BehaviourList {
             state: LifeState::Initial,
             unseen: 0,
             is_held: false,
+            barred: 0,
         }; PLACES],
         len: 0,
         last_key: 0,
-        asked: None,
+        asked: Twist::STILL,
+        is_new: false,
         way_round: WayRound::FORWARDS,
     };
 
@@ -184,9 +194,36 @@ impl BehaviourList {
         entry.is_some_and(|entry| entry.is_held)
     }
 
-    /// Lets the head execute, or IDLE before it where it is held. Others never do.
+    /// A situation has come up that keeps a behaviour from executing: IDLE does in its place, once
+    /// its turn comes. Said anew in each activation as long as it lasts; see [`BARRED_LOOKS`].
+    pub(super) fn bar(&mut self, key: Key) {
+        let place = self.place(key).filter(|_| key != Key::IDLE);
+        if let Some(entry) = place.and_then(|place| self.present_mut().get_mut(place)) {
+            entry.barred = BARRED_LOOKS;
+        }
+    }
+
+    /// Whether a situation keeps a behaviour from executing.
+    pub(super) fn is_barred(&self, key: Key) -> bool {
+        let entry = self.place(key).and_then(|place| self.present().get(place));
+        entry.is_some_and(|entry| entry.barred > 0)
+    }
+
+    /// The behaviour whose turn it is, whether it executes or IDLE does in its place. None while
+    /// the robot is steered by hand.
+    pub(super) fn in_turn(&self) -> Option<Key> {
+        let mut others = self.present().iter().filter(|entry| entry.key != Key::IDLE);
+        // REMOTE_CONTROL is no task.
+        others
+            .next()
+            .filter(|entry| entry.task != 0)
+            .map(|entry| entry.key)
+    }
+
+    /// Lets the head execute, or IDLE before it where it is held or barred. Others never do.
     pub fn dispatch(&mut self) {
-        if self.present().first().is_some_and(|head| head.is_held) {
+        let is_kept = |head: &Entry| head.is_held || head.barred > 0;
+        if self.present().first().is_some_and(is_kept) {
             self.idle();
         }
         if let Some(head) = self.present_mut().first_mut()
@@ -230,6 +267,7 @@ impl BehaviourList {
                 continue;
             };
             let key = entry.key;
+            entry.barred = entry.barred.saturating_sub(1);
             let is_gone = if key == Key::IDLE {
                 self.len == 1
             } else {
@@ -245,12 +283,20 @@ impl BehaviourList {
 
     /// The behaviour that executes asks for a movement.
     pub fn ask(&mut self, twist: Twist) {
-        self.asked = Some(twist);
+        (self.asked, self.is_new) = (twist, true);
+    }
+
+    /// The movement that was asked for last, in this look or in the one before.
+    pub(super) fn asked(&self) -> Twist {
+        self.asked
     }
 
     /// The movement that was asked for since the last call; none stands still.
     pub fn take_asked(&mut self) -> Twist {
-        self.asked.take().unwrap_or(Twist::STILL)
+        if !core::mem::take(&mut self.is_new) {
+            self.asked = Twist::STILL;
+        }
+        self.asked
     }
 
     /// What stands on the list, the head first: key, task, state, and whether it is held.
@@ -409,9 +455,9 @@ mod tests {
     #[test]
     fn a_list_is_as_small_as_the_book_says() {
         let bytes = if cfg!(feature = "all-behaviours") {
-            100
+            96
         } else {
-            88
+            84
         };
         assert_eq!(size_of::<BehaviourList>(), bytes);
     }

@@ -7,7 +7,8 @@
 //! state is left early, the behaviour leaves the list.
 //!
 //! Beside each behaviour that executes [situations](situation) are watched: while the way ahead is
-//! not free, IDLE executes in its place, and it resumes by itself.
+//! not free, IDLE executes in its place, and it resumes by itself. What else is watched is a
+//! [`Situation`], which [`situation!`](crate::situation!) makes a task of.
 //!
 //! ```
 //! use rt_firmware::behaviour;
@@ -55,9 +56,11 @@ mod follow_corridor;
 mod follow_object;
 mod go_to;
 mod inserted;
+mod landmarks;
 mod law;
 mod life_cycle;
 mod list;
+mod lookout;
 mod move_on;
 mod openings;
 mod pass_door;
@@ -68,7 +71,9 @@ mod repertoire;
 mod runner;
 mod script;
 mod shipped;
+mod shipped_situations;
 pub mod situation;
+mod situation_runner;
 mod turn_rate;
 mod turn_to;
 mod wander;
@@ -94,6 +99,12 @@ pub use repertoire::{BehaviourTask, Repertoire};
 #[doc(hidden)]
 pub use runner::{Ports, Runner};
 pub use shipped::ShippedLaws;
+pub use shipped_situations::{
+    CornerLeft, CornerRight, DoorLeft, DoorRight, LowBattery, Near, OutsideRange, SensorLost, Stuck,
+};
+pub use situation::{Circumstances, Situation};
+#[doc(hidden)]
+pub use situation_runner::{SituationPorts, SituationRunner};
 pub use turn_to::{TurnTo, TurnToLaw};
 pub use wander::{Wander, WanderLaw};
 
@@ -171,6 +182,108 @@ macro_rules! behaviour {
                     at_head: $name::AT_HEAD,
                     task: $crate::declaration_of::<$name>().signature_hash as u16,
                 };
+                self.0.step(io, &PORTS)
+            }
+        }
+    };
+}
+
+/// Declares a task that looks for a [`Situation`] while its state is active, beside the behaviours
+/// of a mission.
+///
+/// Its ports and flags are those of all situations; the types of the ports (`BehaviourList`,
+/// `Pose`, `Ranges`, `Battery`) must be in scope. Parameters are written as in
+/// [`task!`](crate::task!); `reaction` is added to them.
+///
+/// ```
+/// use rt_firmware::behaviours::{BehaviourList, Circumstances, Params, Situation};
+/// use rt_firmware::situation;
+/// use rt_firmware::tasks::{Battery, Pose, Ranges};
+///
+/// /// Something is behind the robot.
+/// #[derive(Debug, Default)]
+/// pub struct FollowedSituation;
+///
+/// situation! {
+///     /// Situation: somebody follows.
+///     impl Followed watches FollowedSituation {
+///         wcet 50 us;
+///         params {
+///             /// Nearer than this, in metres.
+///             range_m: f32 = 0.5, 0.0..=4.0;
+///         }
+///     }
+/// }
+///
+/// impl Situation for FollowedSituation {
+///     fn look(&mut self, seen: &Circumstances<'_>, params: &Params) -> bool {
+///         let range_m = params.get(Followed::RANGE_M);
+///         seen.ranges.is_some_and(|ranges| ranges.behind_m() < range_m)
+///     }
+/// }
+/// ```
+#[macro_export]
+macro_rules! situation {
+    (
+        $(#[doc = $doc:literal])*
+        impl $name:ident watches $situation:ty {
+            wcet $wcet:literal $wcet_unit:ident;
+            params { $($params:tt)* }
+        }
+    ) => {
+        $(#[doc = $doc])*
+        #[derive(Debug, Default)]
+        pub struct $name($crate::behaviours::SituationRunner<$situation>);
+
+        $crate::task! {
+            $(#[doc = $doc])*
+            impl $name {
+                slot 2;
+                wcet $wcet $wcet_unit;
+                endless;
+                data {
+                    /// The list of behaviours.
+                    inout list: BehaviourList optional;
+                    /// Where the robot is.
+                    in pose: Pose optional within 100 ms;
+                    /// What is around it.
+                    in ranges: Ranges optional within 200 ms;
+                    /// The battery.
+                    in battery: Battery optional;
+                }
+                flags {
+                    /// It is so.
+                    out up;
+                }
+                params {
+                    $($params)*
+                    /// What becomes of the behaviour that executes: 0 nothing, 1 it is suspended
+                    /// while it is so, 2 it is cancelled.
+                    reaction: u32 = 0, 0..=2;
+                }
+            }
+        }
+
+        impl $crate::Task for $name {
+            fn reset(&mut self) {
+                self.0.enter();
+            }
+
+            fn enter(&mut self) {
+                self.0.enter();
+            }
+
+            fn step(&mut self, io: &mut $crate::Io<'_>) -> $crate::Step {
+                const PORTS: $crate::behaviours::SituationPorts =
+                    $crate::behaviours::SituationPorts {
+                        list: $name::LIST,
+                        pose: $name::POSE,
+                        ranges: $name::RANGES,
+                        battery: $name::BATTERY,
+                        up: $name::UP,
+                        reaction: $name::REACTION,
+                        name: stringify!($name),
+                    };
                 self.0.step(io, &PORTS)
             }
         }

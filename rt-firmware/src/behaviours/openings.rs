@@ -32,9 +32,18 @@ pub(super) struct Door {
     pub number: u32,
     /// Where its middle is, along the way.
     pub middle_m: f32,
+    /// How wide it is, in metres.
+    pub width_m: f32,
 }
 
 impl Openings {
+    /// Nothing was seen.
+    pub const NONE: Self = Self {
+        wall_m: None,
+        open_m: None,
+        doors: 0,
+    };
+
     /// Takes a look to the side. Returns the door whose end it shows.
     pub fn look(&mut self, look: &Look) -> Option<Door> {
         match look.seen {
@@ -71,6 +80,7 @@ impl Openings {
                 Some(Door {
                     number: self.doors,
                     middle_m: (first_m + end_m) / 2.0,
+                    width_m,
                 })
             }
         }

@@ -26,13 +26,16 @@ pub(super) struct Pings {
 
 impl Default for Pings {
     fn default() -> Self {
-        Self {
-            used_us: [u32::MAX; MAX_SONARS],
-        }
+        Self::NONE
     }
 }
 
 impl Pings {
+    /// None was used.
+    pub const NONE: Self = Self {
+        used_us: [u32::MAX; MAX_SONARS],
+    };
+
     /// The readings that are new after `period_us`. What is not known is not among them.
     pub fn fresh<'a>(
         &'a mut self,

@@ -3,7 +3,7 @@
 use super::law::{Behaviour, Control, Scene};
 use super::life_cycle::LifeState;
 use super::list::{BehaviourList, Key};
-use super::situation::{OutsideRange, SafetyCheck, Situation};
+use super::situation::{SafetyCheck, is_outside};
 use crate::declaration::Params;
 use crate::odometry::LocalFrame;
 use crate::tasks::{Pose, Ranges, Twist};
@@ -224,7 +224,8 @@ impl Place {
 
     /// Waits while IDLE executes in its place, until the way has been free for a while.
     fn idle(&mut self, list: &mut BehaviourList, around: &Around<'_>, way_is_free: bool) -> Turn {
-        self.free_us = if way_is_free && !self.is_barred {
+        let is_barred = self.is_barred || self.key.is_some_and(|key| list.is_barred(key));
+        self.free_us = if way_is_free && !is_barred {
             self.free_us.saturating_add(around.period_us)
         } else {
             0
@@ -244,11 +245,8 @@ impl Place {
         pose: &Pose,
         clearance_m: f32,
     ) -> Turn {
-        let outside = OutsideRange {
-            radius_m: around.outside_m,
-        };
         let twist = self.asked;
-        if outside.look(pose, &twist, around.ranges).is_some() {
+        if around.outside_m > 0.0 && is_outside(pose, around.outside_m) {
             return self.end(list, false);
         }
         if self.is_barred || !SafetyCheck::is_free_but(clearance_m, &twist, around.ranges) {

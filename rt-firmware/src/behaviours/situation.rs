@@ -1,23 +1,38 @@
-//! Situations: what is watched beside a behaviour, and what becomes of the behaviour then.
+//! Situations: what is watched beside a behaviour.
+//!
+//! [`SafetyCheck`] is beside each. [`Situation`] is what others are, those of scripts and those of
+//! a mission's task states.
 //!
 //! Source: Schoute, "Behaviour-based control framework for an autonomous mobile robot", section
 //! 3.2.
 
+use crate::declaration::Params;
 use crate::tasks::{Bearing, Pose, Ranges, Twist};
 
-/// What a situation does to the behaviour that executes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Reaction {
-    /// IDLE executes in its place; it resumes by itself when the situation has passed.
-    Suspend,
-    /// It ends.
-    Cancel,
+/// What a situation is looked for in.
+#[derive(Clone, Copy, Debug)]
+pub struct Circumstances<'a> {
+    /// Where the robot is, in the local frame, if anybody knows.
+    pub pose: Option<Pose>,
+    /// How the behaviour that executes has asked to move; still where none does.
+    pub asked: Twist,
+    /// What is around the robot; none where nobody knows.
+    pub ranges: Option<&'a Ranges>,
+    /// Of the battery, in volts, if anybody knows.
+    pub battery_v: Option<f32>,
+    /// Time since the last look, in microseconds.
+    pub period_us: u32,
 }
 
 /// Something that may happen while a behaviour executes.
-pub trait Situation {
-    /// Looks for it: `pose` is in the behaviour's local frame, `twist` what the behaviour asks for.
-    fn look(&self, pose: &Pose, twist: &Twist, ranges: Option<&Ranges>) -> Option<Reaction>;
+pub trait Situation: Send {
+    /// Looks for it, in each activation of its slot. Returns whether it is up.
+    fn look(&mut self, seen: &Circumstances<'_>, params: &Params) -> bool;
+}
+
+/// Whether a place is farther than `radius_m` metres from the centre of its frame: OUTSIDE_RANGE.
+pub(super) fn is_outside(pose: &Pose, radius_m: f32) -> bool {
+    pose.x_m * pose.x_m + pose.y_m * pose.y_m > radius_m * radius_m
 }
 
 /// The way that the robot is to take is not free: SAFETY_CHECK, which each behaviour has.
@@ -81,27 +96,6 @@ impl SafetyCheck {
     }
 }
 
-impl Situation for SafetyCheck {
-    fn look(&self, _: &Pose, twist: &Twist, ranges: Option<&Ranges>) -> Option<Reaction> {
-        (!Self::is_free(twist, ranges)).then_some(Reaction::Suspend)
-    }
-}
-
-/// The robot is too far from where the behaviour began: OUTSIDE_RANGE.
-#[derive(Clone, Copy, Debug)]
-pub struct OutsideRange {
-    /// How far is too far, in metres; 0 is no limit.
-    pub radius_m: f32,
-}
-
-impl Situation for OutsideRange {
-    fn look(&self, pose: &Pose, _: &Twist, _: Option<&Ranges>) -> Option<Reaction> {
-        let square_m2 = pose.x_m * pose.x_m + pose.y_m * pose.y_m;
-        let is_outside = self.radius_m > 0.0 && square_m2 > self.radius_m * self.radius_m;
-        is_outside.then_some(Reaction::Cancel)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -133,10 +127,9 @@ mod tests {
         ] {
             let mut ranges = Ranges::FREE;
             ranges.range_m[sonar] = range_m;
-            let reaction = SafetyCheck.look(&Pose::START, &forwards(speed), Some(&ranges));
-            let expected = (!is_free).then_some(Reaction::Suspend);
             assert_eq!(
-                reaction, expected,
+                SafetyCheck::is_free(&forwards(speed), Some(&ranges)),
+                is_free,
                 "sonar {sonar}: {range_m} m at {speed} m/s"
             );
         }
@@ -165,15 +158,13 @@ mod tests {
 
     #[test]
     fn nobody_drives_where_nobody_knows_the_way() {
-        let look = |speed| SafetyCheck.look(&Pose::START, &forwards(speed), None);
-        assert_eq!(look(0.1), Some(Reaction::Suspend));
-        assert_eq!(look(0.0), None);
+        let is_free = |speed| SafetyCheck::is_free(&forwards(speed), None);
+        assert!(!is_free(0.1) && is_free(0.0));
         // A robot with one sonar, which looks ahead.
         let mut ranges = Ranges::FREE;
         ranges.sonars = 1;
-        let look = |speed| SafetyCheck.look(&Pose::START, &forwards(speed), Some(&ranges));
-        assert_eq!(look(0.3), None);
-        assert_eq!(look(-0.1), Some(Reaction::Suspend));
+        let is_free = |speed| SafetyCheck::is_free(&forwards(speed), Some(&ranges));
+        assert!(is_free(0.3) && !is_free(-0.1));
     }
 
     #[test]
@@ -183,9 +174,6 @@ mod tests {
             y_m: 0.8,
             heading_rad: 0.0,
         };
-        for (radius_m, reaction) in [(0.99, Some(Reaction::Cancel)), (1.01, None), (0.0, None)] {
-            let outside = OutsideRange { radius_m };
-            assert_eq!(outside.look(&pose, &Twist::STILL, None), reaction);
-        }
+        assert!(is_outside(&pose, 0.99) && !is_outside(&pose, 1.01));
     }
 }

@@ -1,28 +1,9 @@
 //! The situations that a command has put beside a behaviour.
 
-use crate::odometry::wrapped_rad;
-use crate::tasks::{Pose, Ranges, Sector, Twist};
-use esm_link::behaviours::{MAX_WATCHES, Reaction, Situation, Watch};
-
-/// A robot that has moved by less has not moved, in metres and radians.
-const MOVED_M: f32 = 0.01;
-const MOVED_RAD: f32 = 0.02;
-const US_PER_S: f32 = 1e6;
-
-/// What is looked at.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Seen<'a> {
-    /// Where the robot is in the behaviour's local frame, if anybody knows.
-    pub(super) pose: Option<Pose>,
-    /// How the behaviour has asked to move; still where it does not execute.
-    pub(super) asked: Twist,
-    /// What is around the robot.
-    pub(super) ranges: Option<&'a Ranges>,
-    /// Of the battery, in volts, if anybody knows.
-    pub(super) battery_v: Option<f32>,
-    /// Time since the last look, in microseconds.
-    pub(super) period_us: u32,
-}
+use super::landmarks::Landmarks;
+use super::lookout::{Lookout, Stillness};
+use super::situation::Circumstances;
+use esm_link::behaviours::{MAX_WATCHES, Reaction, Watch};
 
 /// What is to be done about what has come up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -41,9 +22,8 @@ pub(super) struct Reactions {
 
 #[derive(Clone, Copy, Debug)]
 struct Watched {
-    watch: Watch,
-    /// How long it has lasted, for a situation that takes time, in microseconds.
-    lasts_us: u32,
+    lookout: Lookout,
+    reaction: Reaction,
     is_up: bool,
 }
 
@@ -51,93 +31,61 @@ struct Watched {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Watches {
     watched: [Option<Watched>; MAX_WATCHES],
-    /// Where the robot was when it moved last.
-    moved: Option<Pose>,
+    stillness: Stillness,
 }
 
 impl Watches {
     /// These, of which none has come up.
     pub(super) fn new(watches: [Option<Watch>; MAX_WATCHES]) -> Self {
-        let begin = |watch| Watched {
-            watch,
-            lasts_us: 0,
+        let begin = |watch: Watch| Watched {
+            lookout: Lookout::new(watch.situation, watch.value),
+            reaction: watch.reaction,
             is_up: false,
         };
         Self {
             watched: watches.map(|watch| watch.map(begin)),
-            moved: None,
+            stillness: Stillness::NONE,
         }
+    }
+
+    /// Whether one of them is a landmark.
+    pub(super) fn has_landmarks(&self) -> bool {
+        let mut watched = self.watched.iter().flatten();
+        watched.any(|watched| watched.lookout.situation().is_landmark())
     }
 
     /// Looks for all of them.
-    pub(super) fn look(&mut self, seen: &Seen<'_>) -> Reactions {
-        let moves = self.moves(seen);
+    pub(super) fn look(&mut self, seen: &Circumstances<'_>, landmarks: &Landmarks) -> Reactions {
+        let moves = self.stillness.moves(seen);
         let mut reactions = Reactions::default();
         for watched in self.watched.iter_mut().flatten() {
             let was_up = watched.is_up;
-            watched.look(seen, moves);
-            if watched.is_up {
-                match watched.watch.reaction {
-                    Reaction::Suspend => reactions.suspend = true,
-                    Reaction::Cancel => reactions.cancel = true,
-                    Reaction::EndScript => {
-                        (reactions.cancel, reactions.end_script) = (true, true);
-                    }
-                    Reaction::Flag => reactions.flag = true,
-                    Reaction::Insert(step) if !was_up => reactions.insert = Some(step),
-                    Reaction::Insert(_) => {}
-                }
+            watched.is_up = watched.lookout.look(seen, landmarks, moves);
+            if !watched.is_up {
+                continue;
+            }
+            if !was_up {
+                info!("situation {}", watched.lookout.situation().names().0);
+            }
+            match watched.reaction {
+                Reaction::Suspend => reactions.suspend = true,
+                Reaction::Cancel => reactions.cancel = true,
+                Reaction::EndScript => (reactions.cancel, reactions.end_script) = (true, true),
+                Reaction::Flag => reactions.flag = true,
+                Reaction::Insert(step) if !was_up => reactions.insert = Some(step),
+                Reaction::Insert(_) => {}
             }
         }
         reactions
-    }
-
-    /// Whether the robot moves, as far as it is to.
-    fn moves(&mut self, seen: &Seen<'_>) -> bool {
-        let Some(pose) = seen.pose else {
-            return false;
-        };
-        let has_moved = self.moved.is_none_or(|moved| {
-            let (x_m, y_m) = (pose.x_m - moved.x_m, pose.y_m - moved.y_m);
-            let turned_rad = wrapped_rad(pose.heading_rad - moved.heading_rad);
-            x_m * x_m + y_m * y_m > MOVED_M * MOVED_M || turned_rad.abs() > MOVED_RAD
-        });
-        if has_moved {
-            self.moved = Some(pose);
-        }
-        has_moved || seen.asked == Twist::STILL
-    }
-}
-
-impl Watched {
-    fn look(&mut self, seen: &Seen<'_>, moves: bool) {
-        let value = self.watch.value;
-        let mut lasts = |is_so: bool| {
-            self.lasts_us = if is_so {
-                self.lasts_us.saturating_add(seen.period_us)
-            } else {
-                0
-            };
-            is_so && self.lasts_us as f32 >= value * US_PER_S
-        };
-        self.is_up = match self.watch.situation {
-            Situation::OutsideRange => (seen.pose)
-                .is_some_and(|pose| pose.x_m * pose.x_m + pose.y_m * pose.y_m > value * value),
-            Situation::Stuck => lasts(!moves),
-            Situation::SensorLost => {
-                let front_m = seen.ranges.map(|ranges| ranges.free_range(Sector::Front));
-                lasts(front_m.is_none_or(|front_m| front_m <= 0.0))
-            }
-            // Who watches what nobody measures is told so at once.
-            Situation::LowBattery => seen.battery_v.is_none_or(|voltage_v| voltage_v < value),
-            Situation::Near => (seen.ranges).is_none_or(|ranges| ranges.nearest_m() < value),
-        };
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use esm_link::behaviours::Situation;
+
     use super::*;
+    use crate::tasks::{Pose, Ranges, Twist};
 
     const FORWARDS: Twist = Twist {
         forward_m_per_s: 0.2,
@@ -153,8 +101,8 @@ mod tests {
         Watches::new([Some(watch), None, None])
     }
 
-    fn seen(x_m: f32, ranges: Option<&Ranges>) -> Seen<'_> {
-        Seen {
+    fn seen(x_m: f32, ranges: Option<&Ranges>) -> Circumstances<'_> {
+        Circumstances {
             pose: Some(Pose { x_m, ..Pose::START }),
             asked: FORWARDS,
             ranges,
@@ -181,7 +129,7 @@ mod tests {
             (
                 Situation::LowBattery,
                 1.0,
-                Seen {
+                Circumstances {
                     battery_v: None,
                     ..seen(0.0, None)
                 },
@@ -192,7 +140,8 @@ mod tests {
             (Situation::Near, 0.31, seen(0.0, Some(&free)), false),
             (Situation::Near, 0.31, seen(0.0, None), true),
         ] {
-            let reactions = watches(situation, value, Reaction::Cancel).look(&seen);
+            let reactions =
+                watches(situation, value, Reaction::Cancel).look(&seen, &Landmarks::NONE);
             assert_eq!(reactions.cancel, is_up, "{situation:?} {value} {seen:?}");
         }
     }
@@ -201,11 +150,11 @@ mod tests {
     fn a_robot_is_stuck_that_is_to_move_and_has_not_for_so_long() {
         let mut stuck = watches(Situation::Stuck, 0.5, Reaction::Cancel);
         let mut look = |x_m, asked| {
-            let seen = Seen {
+            let seen = Circumstances {
                 asked,
                 ..seen(x_m, None)
             };
-            stuck.look(&seen).cancel
+            stuck.look(&seen, &Landmarks::NONE).cancel
         };
         // It moves, and then stands although it is to move.
         assert!((0..20).all(|step| !look(step as f32 * 0.02, FORWARDS)));
@@ -229,7 +178,7 @@ mod tests {
             (Some(&free), false),
             (None, false),
         ] {
-            assert_eq!(lost.look(&seen(0.0, ranges)).flag, is_up);
+            assert_eq!(lost.look(&seen(0.0, ranges), &Landmarks::NONE).flag, is_up);
         }
     }
 
@@ -243,7 +192,12 @@ mod tests {
             (&free, None),
             (&close, Some(4)),
         ] {
-            assert_eq!(insert.look(&seen(0.0, Some(ranges))).insert, expected);
+            assert_eq!(
+                insert
+                    .look(&seen(0.0, Some(ranges)), &Landmarks::NONE)
+                    .insert,
+                expected
+            );
         }
     }
 }

@@ -31,7 +31,8 @@ use embedded_hal::pwm::SetDutyCycle;
 
 #[cfg(feature = "all-behaviours")]
 use crate::behaviours::{
-    AlongWall, Approach, Dock, FollowCorridor, FollowObject, PassDoor, Wander,
+    AlongWall, Approach, CornerLeft, CornerRight, Dock, DoorLeft, DoorRight, FollowCorridor,
+    FollowObject, LowBattery, Near, OutsideRange, PassDoor, SensorLost, Stuck, Wander,
 };
 #[cfg(feature = "behaviours")]
 use crate::behaviours::{Behaviours, GoTo, Move, TurnTo};
@@ -389,6 +390,15 @@ registry! {
         approach: Approach[2] if "all-behaviours",
         follow_object: FollowObject[2] if "all-behaviours",
         dock: Dock[1] if "all-behaviours",
+        outside_range: OutsideRange[2] if "all-behaviours",
+        stuck: Stuck[2] if "all-behaviours",
+        sensor_lost: SensorLost[2] if "all-behaviours",
+        low_battery: LowBattery[2] if "all-behaviours",
+        near: Near[2] if "all-behaviours",
+        door_left: DoorLeft[2] if "all-behaviours",
+        door_right: DoorRight[2] if "all-behaviours",
+        corner_left: CornerLeft[2] if "all-behaviours",
+        corner_right: CornerRight[2] if "all-behaviours",
     }
 }
 
@@ -475,6 +485,24 @@ where
             follow_object: TaskPool::new(array::from_fn(|_| FollowObject::default())),
             #[cfg(feature = "all-behaviours")]
             dock: TaskPool::new([Dock::default()]),
+            #[cfg(feature = "all-behaviours")]
+            outside_range: TaskPool::new(array::from_fn(|_| OutsideRange::default())),
+            #[cfg(feature = "all-behaviours")]
+            stuck: TaskPool::new(array::from_fn(|_| Stuck::default())),
+            #[cfg(feature = "all-behaviours")]
+            sensor_lost: TaskPool::new(array::from_fn(|_| SensorLost::default())),
+            #[cfg(feature = "all-behaviours")]
+            low_battery: TaskPool::new(array::from_fn(|_| LowBattery::default())),
+            #[cfg(feature = "all-behaviours")]
+            near: TaskPool::new(array::from_fn(|_| Near::default())),
+            #[cfg(feature = "all-behaviours")]
+            door_left: TaskPool::new(array::from_fn(|_| DoorLeft::default())),
+            #[cfg(feature = "all-behaviours")]
+            door_right: TaskPool::new(array::from_fn(|_| DoorRight::default())),
+            #[cfg(feature = "all-behaviours")]
+            corner_left: TaskPool::new(array::from_fn(|_| CornerLeft::default())),
+            #[cfg(feature = "all-behaviours")]
+            corner_right: TaskPool::new(array::from_fn(|_| CornerRight::default())),
         }
     }
 }

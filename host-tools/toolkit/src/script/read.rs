@@ -441,12 +441,18 @@ impl<'m> Reader<'m> {
             return Err(Told);
         };
         let value = given.value.text.parse::<f32>().ok();
-        let Some(value) = value.filter(|value| value.is_finite() && *value >= 0.0) else {
+        let most = situation.most();
+        let Some(value) = value.filter(|value| (0.0..=most).contains(value)) else {
+            let expected = if most < f32::MAX {
+                format!("0 to {most}")
+            } else {
+                "0 on".to_owned()
+            };
             self.say(Diagnostic::new(
                 Code::E009,
                 given.value.span,
                 format!(
-                    "`{}` is no value of `{parameter}`: a number from 0 on is expected",
+                    "`{}` is no value of `{parameter}`: a number from {expected} is expected",
                     given.value.text
                 ),
             ));

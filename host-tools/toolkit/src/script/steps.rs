@@ -79,13 +79,15 @@ pub struct Reading {
     pub script: Option<Script>,
 }
 
-/// Whether a task is a behaviour: it stands on the list, which it has not made.
+/// Whether a task is a behaviour: it stands on the list, which it has not made, and may fail.
+/// Situations change the list as well.
 pub fn is_behaviour(task: &Task) -> bool {
     let has = |direction| {
         let mut lists = (task.data.iter()).filter(|port| port.type_name == BehaviourList::NAME);
         lists.any(|port| port.direction == direction)
     };
-    has(Direction::InOut) && !has(Direction::Out)
+    let may_fail = task.flags.iter().any(|flag| flag.name == "failed");
+    has(Direction::InOut) && !has(Direction::Out) && may_fail
 }
 
 /// Hash of a task's signature, by which requests name it.

@@ -7,8 +7,9 @@ use crate::model::Task;
 const TASKS: &str = "\
 task Owner { out data made: BehaviourList; inout data list: BehaviourList optional; }
 task GoTo { inout data list: BehaviourList optional; out flag failed; param x_m: f32; param y_m: f32 = 0.0 min -5.0 max 5.0; }
-task TurnTo { inout data list: BehaviourList optional; param angle_rad: f32 = 1.5; param times: u32 = 1; param left: bool = true; }
+task TurnTo { inout data list: BehaviourList optional; out flag failed; param angle_rad: f32 = 1.5; param times: u32 = 1; param left: bool = true; }
 task Other { out flag near; }
+task Near { inout data list: BehaviourList optional; out flag up; }
 ";
 
 fn tasks() -> Vec<Task> {
@@ -120,6 +121,14 @@ fn a_mistake_has_a_place_a_cause_and_a_fix() {
         (
             "turn unless near range_m = -1 -> end",
             ("E009", 1, 28, "from 0 on"),
+        ),
+        (
+            "turn unless near range_m = inf -> end",
+            ("E009", 1, 28, "from 0 on"),
+        ),
+        (
+            "turn unless door_left least_m = 1.31 -> end",
+            ("E009", 1, 33, "from 0 to 1.3"),
         ),
         (
             "turn unless near range_m = 1",

@@ -1,0 +1,160 @@
+//! Situations that ship, as tasks of a mission.
+
+use core::fmt;
+
+use super::landmarks::Landmarks;
+use super::list::BehaviourList;
+use super::lookout::{Lookout, Stillness};
+use super::situation::{Circumstances, Situation};
+use crate::declaration::Params;
+use crate::situation;
+use crate::task::Param;
+use crate::tasks::{Battery, Pose, Ranges};
+use esm_link::behaviours::Situation as Kind;
+
+/// Looks for one of the situations that scripts know, by its number.
+///
+/// Its first parameter is that of the situation.
+pub struct Watcher<const KIND: u8> {
+    lookout: Lookout,
+    stillness: Stillness,
+    landmarks: Landmarks,
+}
+
+impl<const KIND: u8> Watcher<KIND> {
+    const VALUE: Param<f32> = Param::at(0);
+
+    const SITUATION: Kind = Kind::ALL[KIND as usize];
+}
+
+impl<const KIND: u8> fmt::Debug for Watcher<KIND> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.lookout.fmt(f)
+    }
+}
+
+impl<const KIND: u8> Default for Watcher<KIND> {
+    fn default() -> Self {
+        Self {
+            lookout: Lookout::new(Self::SITUATION, 0.0),
+            stillness: Stillness::NONE,
+            landmarks: Landmarks::NONE,
+        }
+    }
+}
+
+impl<const KIND: u8> Situation for Watcher<KIND> {
+    fn look(&mut self, seen: &Circumstances<'_>, params: &Params) -> bool {
+        self.lookout.set(params.get(Self::VALUE));
+        if Self::SITUATION.is_landmark() {
+            let Circumstances {
+                pose,
+                ranges,
+                period_us,
+                ..
+            } = seen;
+            self.landmarks.look(pose.as_ref(), *ranges, *period_us);
+        }
+        let moves = self.stillness.moves(seen);
+        self.lookout.look(seen, &self.landmarks, moves)
+    }
+}
+
+situation! {
+    /// Situation: the robot is too far from where it was when the state was entered.
+    impl OutsideRange watches Watcher<{ Kind::OutsideRange as u8 }> {
+        wcet 200 us;
+        params {
+            /// Farther than this, in metres.
+            radius_m: f32 = 5.0, 0.0..=1000.0;
+        }
+    }
+}
+
+situation! {
+    /// Situation: the robot was to move, and has not.
+    impl Stuck watches Watcher<{ Kind::Stuck as u8 }> {
+        wcet 200 us;
+        params {
+            /// For so long, in seconds.
+            after_s: f32 = 2.0, 0.0..=600.0;
+        }
+    }
+}
+
+situation! {
+    /// Situation: nobody knows what is ahead.
+    impl SensorLost watches Watcher<{ Kind::SensorLost as u8 }> {
+        wcet 200 us;
+        params {
+            /// For so long, in seconds.
+            after_s: f32 = 1.0, 0.0..=600.0;
+        }
+    }
+}
+
+situation! {
+    /// Situation: the battery is low, or nobody measures it.
+    impl LowBattery watches Watcher<{ Kind::LowBattery as u8 }> {
+        wcet 200 us;
+        params {
+            /// Below this, in volts.
+            below_v: f32 = 6.6, 0.0..=100.0;
+        }
+    }
+}
+
+situation! {
+    /// Situation: something is near, on any side, or a sonar does not know.
+    impl Near watches Watcher<{ Kind::Near as u8 }> {
+        wcet 200 us;
+        params {
+            /// Nearer than this, in metres.
+            range_m: f32 = 0.3, 0.0..=4.0;
+        }
+    }
+}
+
+situation! {
+    /// Situation: the robot has passed a door on the left, within the last second.
+    impl DoorLeft watches Watcher<{ Kind::DoorLeft as u8 }> {
+        wcet 200 us;
+        params {
+            /// So wide at least, in metres.
+            least_m: f32 = 0.7, 0.0..=1.3;
+        }
+    }
+}
+
+situation! {
+    /// Situation: the robot has passed a door on the right, within the last second.
+    impl DoorRight watches Watcher<{ Kind::DoorRight as u8 }> {
+        wcet 200 us;
+        params {
+            /// So wide at least, in metres.
+            least_m: f32 = 0.7, 0.0..=1.3;
+        }
+    }
+}
+
+situation! {
+    /// Situation: a wall ahead and one on the left make a corner.
+    impl CornerLeft watches Watcher<{ Kind::CornerLeft as u8 }> {
+        wcet 200 us;
+        params {
+            /// Both nearer than this, in metres.
+            range_m: f32 = 1.0, 0.0..=4.0;
+        }
+    }
+}
+
+situation! {
+    /// Situation: a wall ahead and one on the right make a corner.
+    impl CornerRight watches Watcher<{ Kind::CornerRight as u8 }> {
+        wcet 200 us;
+        params {
+            /// Both nearer than this, in metres.
+            range_m: f32 = 1.0, 0.0..=4.0;
+        }
+    }
+}
