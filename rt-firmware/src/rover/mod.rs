@@ -53,6 +53,8 @@ use crate::tasks::{
     LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SonarRing, Stop, Turn,
     WheelSpeed,
 };
+#[cfg(feature = "behaviours")]
+use crate::tasks::{CorrectPosition, GlobalPosition, SetPosition};
 #[cfg(feature = "all-tasks")]
 use crate::tasks::{Count, DriveDistance, FollowLine, LineMonitor, SlotMonitor};
 #[cfg(feature = "sonar-array")]
@@ -377,6 +379,9 @@ registry! {
         bumpers: Bumpers<X::Bumper>[1] if "bumpers",
         gyro: Gyro<X::ImuBus>[1] if "imu",
         behaviours: Behaviours[1] if "behaviours",
+        global_position: GlobalPosition[1] if "behaviours",
+        set_position: SetPosition[2] if "behaviours",
+        correct_position: CorrectPosition[2] if "behaviours",
         move_on: Move[4] if "behaviours",
         turn_to: TurnTo[4] if "behaviours",
         go_to: GoTo[4] if "behaviours",
@@ -420,12 +425,12 @@ where
             battery_monitor: TaskPool::new([hardware.battery_monitor]),
             proximity_monitor: TaskPool::new([ProximityMonitor]),
             cruise: TaskPool::new(array::from_fn(|_| Cruise)),
-            back: TaskPool::new(array::from_fn(|_| Back::default())),
-            turn: TaskPool::new(array::from_fn(|_| Turn::default())),
+            back: TaskPool::from_fn(Back::default),
+            turn: TaskPool::from_fn(Turn::default),
             #[cfg(feature = "all-tasks")]
-            drive_distance: TaskPool::new(array::from_fn(|_| DriveDistance::default())),
+            drive_distance: TaskPool::from_fn(DriveDistance::default),
             #[cfg(feature = "all-tasks")]
-            count: TaskPool::new(array::from_fn(|_| Count::default())),
+            count: TaskPool::from_fn(Count::default),
             follow_wall: TaskPool::new([FollowWall]),
             round_corner: TaskPool::new([RoundCorner]),
             stop: TaskPool::new(array::from_fn(|_| Stop)),
@@ -437,9 +442,9 @@ where
             #[cfg(feature = "all-tasks")]
             follow_line: TaskPool::new(array::from_fn(|_| FollowLine)),
             #[cfg(feature = "all-tasks")]
-            slot_monitor: TaskPool::new([SlotMonitor::default()]),
-            link_monitor: TaskPool::new([LinkMonitor::default()]),
-            battery_guard: TaskPool::new([BatteryGuard::default()]),
+            slot_monitor: TaskPool::from_fn(SlotMonitor::default),
+            link_monitor: TaskPool::from_fn(LinkMonitor::default),
+            battery_guard: TaskPool::from_fn(BatteryGuard::default),
             #[cfg(feature = "sonar-array")]
             sonar_array: TaskPool::new([hardware.sonar_array]),
             #[cfg(feature = "sonar-array")]
@@ -451,25 +456,31 @@ where
             #[cfg(feature = "imu")]
             gyro: TaskPool::new([hardware.gyro]),
             #[cfg(feature = "behaviours")]
-            behaviours: TaskPool::new([Behaviours::default()]),
+            global_position: TaskPool::from_fn(GlobalPosition::default),
             #[cfg(feature = "behaviours")]
-            move_on: TaskPool::new(array::from_fn(|_| Move::default())),
+            set_position: TaskPool::from_fn(SetPosition::default),
             #[cfg(feature = "behaviours")]
-            turn_to: TaskPool::new(array::from_fn(|_| TurnTo::default())),
+            correct_position: TaskPool::from_fn(CorrectPosition::default),
             #[cfg(feature = "behaviours")]
-            go_to: TaskPool::new(array::from_fn(|_| GoTo::default())),
+            behaviours: TaskPool::from_fn(Behaviours::default),
+            #[cfg(feature = "behaviours")]
+            move_on: TaskPool::from_fn(Move::default),
+            #[cfg(feature = "behaviours")]
+            turn_to: TaskPool::from_fn(TurnTo::default),
+            #[cfg(feature = "behaviours")]
+            go_to: TaskPool::from_fn(GoTo::default),
             #[cfg(feature = "all-behaviours")]
-            follow_corridor: TaskPool::new(array::from_fn(|_| FollowCorridor::default())),
+            follow_corridor: TaskPool::from_fn(FollowCorridor::default),
             #[cfg(feature = "all-behaviours")]
-            pass_door: TaskPool::new(array::from_fn(|_| PassDoor::default())),
+            pass_door: TaskPool::from_fn(PassDoor::default),
             #[cfg(feature = "all-behaviours")]
-            along_wall: TaskPool::new(array::from_fn(|_| AlongWall::default())),
+            along_wall: TaskPool::from_fn(AlongWall::default),
             #[cfg(feature = "all-behaviours")]
-            wander: TaskPool::new(array::from_fn(|_| Wander::default())),
+            wander: TaskPool::from_fn(Wander::default),
             #[cfg(feature = "all-behaviours")]
-            approach: TaskPool::new(array::from_fn(|_| Approach::default())),
+            approach: TaskPool::from_fn(Approach::default),
             #[cfg(feature = "all-behaviours")]
-            follow_object: TaskPool::new(array::from_fn(|_| FollowObject::default())),
+            follow_object: TaskPool::from_fn(FollowObject::default),
         }
     }
 }
