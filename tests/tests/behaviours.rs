@@ -64,7 +64,8 @@ fn a_firmware_tells_its_behaviours_and_their_parameters() {
             "AlongWall",
             "Wander",
             "Approach",
-            "FollowObject"
+            "FollowObject",
+            "Dock"
         ]
     );
     let angle = &behaviours[1]["params"][0];

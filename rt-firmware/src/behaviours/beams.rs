@@ -44,18 +44,50 @@ pub(super) fn looks_at(bearing: Bearing) -> Option<(Side, Part)> {
     })
 }
 
-/// How a robot looks that stands in a corridor: sine and cosine of its heading against the walls.
+/// What a beam that is turned off a wall's normal makes of the range that it hears: the wall is at
+/// `range · reached + rim_m` from the robot's centre.
+#[derive(Clone, Copy, Debug)]
+struct Beam {
+    reached: f32,
+    rim_m: f32,
+}
+
+impl Beam {
+    /// Turned off the normal by an angle of this sine, without its sign, and this cosine.
+    fn new(sine: f32, cosine: f32) -> Self {
+        let reached = if sine < BEAM_SINE {
+            1.0
+        } else {
+            cosine * BEAM_COSINE + sine * BEAM_SINE
+        };
+        Self {
+            reached,
+            rim_m: RIM_M * cosine,
+        }
+    }
+}
+
+/// How a robot looks that stands in a corridor, by the beams of its sonars. A sonar that looks half
+/// ahead on the left is as far off the normal of its wall as the one that looks half behind on the
+/// right is off that of the other.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Heading {
-    sine: f32,
-    cosine: f32,
+    beside: Beam,
+    ahead_left: Beam,
+    ahead_right: Beam,
 }
 
 impl Heading {
     /// To the left of the walls' direction, in radians.
     pub fn new(heading_rad: f32) -> Self {
         let (sine, cosine) = sine_and_cosine(heading_rad);
-        Self { sine, cosine }
+        let (half_sine, half_cosine) = (sine * FRAC_1_SQRT_2, cosine * FRAC_1_SQRT_2);
+        let (sum, difference) = (half_cosine + half_sine, half_cosine - half_sine);
+        Self {
+            beside: Beam::new(sine.abs(), cosine),
+            ahead_left: Beam::new(difference.abs(), sum),
+            ahead_right: Beam::new(sum.abs(), difference),
+        }
     }
 
     /// Distance from the robot's centre to the wall on a side, in metres, if what the sonar heard
@@ -65,27 +97,12 @@ impl Heading {
     /// wall at r where r·cos(α - β) + R·cos α is the wall's distance; within the beam, at right
     /// angles.
     pub fn wall_m(self, side: Side, part: Part, range_m: f32) -> f32 {
-        let Self { sine, cosine } = self;
-        // Off the normal of the left wall is on the other side of that of the right one.
-        let sine = if side == Side::Left { sine } else { -sine };
-        let (off_sine, off_cosine) = match part {
-            Part::Beside => (sine, cosine),
-            Part::Ahead => (
-                (sine - cosine) * FRAC_1_SQRT_2,
-                (cosine + sine) * FRAC_1_SQRT_2,
-            ),
-            Part::Behind => (
-                (sine + cosine) * FRAC_1_SQRT_2,
-                (cosine - sine) * FRAC_1_SQRT_2,
-            ),
+        let beam = match (part, side) {
+            (Part::Beside, _) => self.beside,
+            (Part::Ahead, Side::Left) | (Part::Behind, Side::Right) => self.ahead_left,
+            (Part::Ahead, Side::Right) | (Part::Behind, Side::Left) => self.ahead_right,
         };
-        let off_sine = off_sine.abs();
-        let reached = if off_sine < BEAM_SINE {
-            1.0
-        } else {
-            off_cosine * BEAM_COSINE + off_sine * BEAM_SINE
-        };
-        range_m * reached + RIM_M * off_cosine
+        range_m * beam.reached + beam.rim_m
     }
 }
 

@@ -117,10 +117,12 @@ impl Fit {
     }
 }
 
-/// The search for a corridor: one direction in each step.
+/// The search for a corridor: one direction in two steps, one for each side.
 #[derive(Clone, Copy, Debug, Default)]
 struct Search {
     tried: u8,
+    /// The left wall in the direction that is tried; none before the first of its two steps.
+    left: Option<Fit>,
     /// The direction that the robot believes in, in the local frame.
     believed_rad: f32,
     best: Option<Candidate>,
@@ -137,18 +139,19 @@ struct Candidate {
 }
 
 impl Search {
-    /// Tries the next direction. Returns the best one when all are tried.
+    /// Tries the next direction, or the other side of it. Returns the best one when all are tried.
     fn step(&mut self, pose: &Pose, believed_rad: f32, ranges: &Ranges) -> Option<Candidate> {
-        if self.tried == 0 {
+        if self.tried == 0 && self.left.is_none() {
             self.believed_rad = believed_rad;
         }
         let off_rad = TRIED_FIRST_RAD + TRIED_STEP_RAD * f32::from(self.tried);
         let axis_rad = self.believed_rad + off_rad;
         let heading = Heading::new(pose.heading_rad - axis_rad);
-        let (left, right) = (
-            Fit::of(Side::Left, heading, ranges),
-            Fit::of(Side::Right, heading, ranges),
-        );
+        let Some(left) = self.left.take() else {
+            self.left = Some(Fit::of(Side::Left, heading, ranges));
+            return None;
+        };
+        let right = Fit::of(Side::Right, heading, ranges);
         let candidate = Candidate {
             axis_rad,
             cost_m: left.cost_m

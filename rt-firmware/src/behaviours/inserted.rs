@@ -54,12 +54,8 @@ impl<R: Repertoire> Inserted<R> {
         let mut law = R::of_task(call.task).ok_or(LinkError::NotABehaviour)?;
         let pose = pose.ok_or(LinkError::NoBehaviours)?;
         let task = call.task as u16;
-        let key = if at_head {
-            list.insert_at_head(task)
-        } else {
-            list.insert_at_tail(task)
-        };
-        let key = key.map_err(|_| LinkError::ListFull)?;
+        let at_head = at_head || call.params.get(law.at_head());
+        let key = (list.insert(at_head, task)).map_err(|_| LinkError::ListFull)?;
         Ok(Self {
             key,
             origin,
@@ -104,6 +100,7 @@ impl<R: Repertoire> Inserted<R> {
             ranges: around.ranges,
             period_us: around.period_us,
             outside_m: self.params.get(self.law.outside()),
+            at_head: false,
             task: self.task,
         };
         let turn = (self.place).step(Some(list), &around, &self.params, self.law.law());

@@ -1,5 +1,6 @@
 //! What a control law sees and says.
 
+use super::situation::SafetyCheck;
 use crate::declaration::Params;
 use crate::tasks::{Bearings, Pose, Ranges, Twist};
 
@@ -37,6 +38,17 @@ pub trait Behaviour: Send {
     /// the robot has turned around, it turns around and drives with its back ahead.
     fn needs(&self, _params: &Params) -> Bearings {
         Bearings::FRONT
+    }
+
+    /// Whether the robot's front must be ahead, whatever it can see: one that drives with its back
+    /// ahead turns around first.
+    fn is_front_first(&self) -> bool {
+        false
+    }
+
+    /// Free way that is to be left when the robot has stopped, in metres from its rim.
+    fn clearance_m(&self, _scene: &Scene<'_>, _params: &Params) -> f32 {
+        SafetyCheck::CLEARANCE_M
     }
 
     /// Says how to move now. Called in each activation of its slot, while it executes.

@@ -128,7 +128,7 @@ impl BehaviourList {
     /// [`ListFull`]
     pub fn insert_at_tail(&mut self, task: u16) -> Result<Key, ListFull> {
         let key = self.room_for_one()?;
-        self.insert(self.len.into(), key, task);
+        self.put_in(self.len.into(), key, task);
         Ok(key)
     }
 
@@ -139,8 +139,20 @@ impl BehaviourList {
     pub fn insert_at_head(&mut self, task: u16) -> Result<Key, ListFull> {
         let key = self.room_for_one()?;
         self.interrupt_head();
-        self.insert(0, key, task);
+        self.put_in(0, key, task);
         Ok(key)
+    }
+
+    /// Puts a new behaviour before the head, or behind all others.
+    ///
+    /// # Errors
+    /// [`ListFull`]
+    pub fn insert(&mut self, at_head: bool, task: u16) -> Result<Key, ListFull> {
+        if at_head {
+            self.insert_at_head(task)
+        } else {
+            self.insert_at_tail(task)
+        }
     }
 
     /// Puts IDLE before the head, which is interrupted if it executes: the robot stands still until
@@ -150,7 +162,7 @@ impl BehaviourList {
         if self.head() != Some(Key::IDLE) {
             self.end(Key::IDLE);
             self.interrupt_head();
-            self.insert(0, Key::IDLE, 0);
+            self.put_in(0, Key::IDLE, 0);
             self.dispatch();
         }
     }
@@ -262,7 +274,7 @@ impl BehaviourList {
         Err(ListFull)
     }
 
-    fn insert(&mut self, place: usize, key: Key, task: u16) {
+    fn put_in(&mut self, place: usize, key: Key, task: u16) {
         self.len += 1;
         let mut moved = Entry {
             key,

@@ -49,6 +49,7 @@ mod along_wall;
 mod approach;
 mod beams;
 mod corridor;
+mod dock;
 mod executive;
 mod follow_corridor;
 mod follow_object;
@@ -79,6 +80,7 @@ mod way_round_tests;
 pub use crate::declaration::Params;
 pub use along_wall::{AlongWall, AlongWallLaw};
 pub use approach::{Approach, ApproachLaw};
+pub use dock::{Dock, DockLaw};
 pub use executive::Behaviours;
 pub use follow_corridor::{FollowCorridor, FollowCorridorLaw};
 pub use follow_object::{FollowObject, FollowObjectLaw};
@@ -100,7 +102,7 @@ pub use wander::{Wander, WanderLaw};
 ///
 /// Its ports and flags are those of all behaviours; the types of the ports (`BehaviourList`,
 /// `Pose`, `Ranges`) must be in scope. Parameters are written as in
-/// [`task!`](crate::task!); `outside_m` is added to them.
+/// [`task!`](crate::task!); `outside_m` and `at_head` are added to them.
 #[macro_export]
 macro_rules! behaviour {
     (
@@ -137,6 +139,8 @@ macro_rules! behaviour {
                     $($params)*
                     /// Farther than this from its start it ends, in metres; 0 is no limit.
                     outside_m: f32 = 0.0, 0.0..=1000.0;
+                    /// It comes before the head of the list, which it interrupts.
+                    at_head: bool = false, false..=true;
                 }
             }
         }
@@ -144,6 +148,7 @@ macro_rules! behaviour {
         impl $crate::behaviours::BehaviourTask for $name {
             type Law = $law;
             const OUTSIDE: $crate::Param<f32> = $name::OUTSIDE_M;
+            const AT_HEAD: $crate::Param<bool> = $name::AT_HEAD;
         }
 
         impl $crate::Task for $name {
@@ -163,6 +168,7 @@ macro_rules! behaviour {
                     suspended: $name::SUSPENDED,
                     failed: $name::FAILED,
                     outside_m: $name::OUTSIDE_M,
+                    at_head: $name::AT_HEAD,
                     task: $crate::declaration_of::<$name>().signature_hash as u16,
                 };
                 self.0.step(io, &PORTS)

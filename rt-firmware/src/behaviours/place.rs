@@ -3,7 +3,7 @@
 use super::law::{Behaviour, Control, Scene};
 use super::life_cycle::LifeState;
 use super::list::{BehaviourList, Key};
-use super::situation::{OutsideRange, Reaction, SafetyCheck, Situation};
+use super::situation::{OutsideRange, SafetyCheck, Situation};
 use crate::declaration::Params;
 use crate::odometry::LocalFrame;
 use crate::tasks::{Pose, Ranges, Twist};
@@ -23,6 +23,8 @@ pub(super) struct Around<'a> {
     pub(super) period_us: u32,
     /// Farther than this from its start it ends, in metres; 0 is no limit.
     pub(super) outside_m: f32,
+    /// It comes before the head of the list.
+    pub(super) at_head: bool,
     /// What the list is to name it by.
     pub(super) task: u16,
 }
@@ -143,41 +145,63 @@ impl Place {
                 return Turn::NotYet;
             };
             let centre = law.centre(way_round.pose(pose), params);
-            if !self.come(list, centre, around.task) {
+            if !self.come(list, centre, around) {
                 return Turn::Ends { failed: true };
             }
         }
-        let role = self.role(list);
-        if role != Role::Executes {
-            let turns = list
-                .way_round
-                .is_to_change(around.ranges, || law.needs(params));
-            return self.wait(list, around, role, turns);
+        let see = |pose| Scene {
+            pose: self.centre.see(way_round.pose(pose)),
+            ranges: around.ranges,
+            period_us: around.period_us,
+        };
+        let needs = || (!law.is_front_first()).then(|| law.needs(params));
+        match self.role(list) {
+            Role::Executes => {}
+            Role::Gone => {
+                self.key = None;
+                return Turn::Ends { failed: true };
+            }
+            Role::Waits => return Turn::Goes { suspended: true },
+            Role::Idles => {
+                let clearance_m = around.pose.map_or(SafetyCheck::CLEARANCE_M, |pose| {
+                    law.clearance_m(&see(pose), params)
+                });
+                // To turn around it needs no way.
+                let is_free = SafetyCheck::is_free_but(
+                    clearance_m + SafetyCheck::MORE_M,
+                    &self.asked,
+                    around.ranges,
+                ) || (list.way_round).is_to_change(around.ranges, needs);
+                return self.idle(list, around, is_free);
+            }
         }
         let Some(pose) = around.pose else {
             return Turn::NotYet;
         };
-        let turns = (list.way_round).turn_around(&pose, around.ranges, || law.needs(params));
+        let turns = (list.way_round).turn_around(&pose, around.ranges, needs);
         if let Some(twist) = turns {
             self.asked = twist;
             list.ask(twist);
             return Turn::Goes { suspended: false };
         }
-        let scene = Scene {
-            pose: self.centre.see(way_round.pose(pose)),
-            ranges: around.ranges,
-            period_us: around.period_us,
-        };
-        let control = law.control(&scene, params);
-        self.obey(list, around, &scene.pose, control)
+        let scene = see(pose);
+        match law.control(&scene, params) {
+            Control::Move(twist) => {
+                self.asked = twist;
+                let clearance_m = law.clearance_m(&scene, params);
+                self.go(list, around, &scene.pose, clearance_m)
+            }
+            Control::Done => self.end(list, false),
+            Control::Failed => self.end(list, true),
+        }
     }
 
     /// Comes onto the list. False where there is no room.
-    fn come(&mut self, list: &mut BehaviourList, centre: Pose, task: u16) -> bool {
+    fn come(&mut self, list: &mut BehaviourList, centre: Pose, around: &Around<'_>) -> bool {
         if let Some(earlier) = self.key.take() {
             list.end(earlier);
         }
-        let Ok(key) = list.insert_at_tail(task) else {
+        let Ok(key) = list.insert(around.at_head, around.task) else {
             return false;
         };
         *self = Self::at(key, centre);
@@ -198,69 +222,42 @@ impl Place {
         }
     }
 
-    /// Does what is to do where another one executes. `turns` says that the robot is to turn around
-    /// before it goes on, which is free however near things are.
-    fn wait(
-        &mut self,
-        list: &mut BehaviourList,
-        around: &Around<'_>,
-        role: Role,
-        turns: bool,
-    ) -> Turn {
-        match role {
-            Role::Gone => {
-                self.key = None;
-                return Turn::Ends { failed: true };
-            }
-            Role::Executes | Role::Waits => {}
-            Role::Idles => {
-                let way = SafetyCheck::is_free_again(&self.asked, around.ranges);
-                let is_free = !self.is_barred && (turns || way);
-                self.free_us = if is_free {
-                    self.free_us.saturating_add(around.period_us)
-                } else {
-                    0
-                };
-                let is_held = self.key.is_some_and(|key| list.is_held(key));
-                if self.free_us >= FREE_FOR_US && !is_held {
-                    list.end(Key::IDLE);
-                }
-            }
+    /// Waits while IDLE executes in its place, until the way has been free for a while.
+    fn idle(&mut self, list: &mut BehaviourList, around: &Around<'_>, way_is_free: bool) -> Turn {
+        self.free_us = if way_is_free && !self.is_barred {
+            self.free_us.saturating_add(around.period_us)
+        } else {
+            0
+        };
+        let is_held = self.key.is_some_and(|key| list.is_held(key));
+        if self.free_us >= FREE_FOR_US && !is_held {
+            list.end(Key::IDLE);
         }
         Turn::Goes { suspended: true }
     }
 
-    /// Does what the law says, unless a situation is in the way.
-    fn obey(
+    /// Asks for what the law says, unless a situation is in the way.
+    fn go(
         &mut self,
         list: &mut BehaviourList,
         around: &Around<'_>,
         pose: &Pose,
-        control: Control,
+        clearance_m: f32,
     ) -> Turn {
         let outside = OutsideRange {
             radius_m: around.outside_m,
         };
-        let Control::Move(twist) = control else {
-            return self.end(list, control == Control::Failed);
-        };
-        self.asked = twist;
-        let barred = self.is_barred.then_some(Reaction::Suspend);
-        let reaction = (outside.look(pose, &twist, around.ranges))
-            .or(barred)
-            .or_else(|| SafetyCheck.look(pose, &twist, around.ranges));
-        match reaction {
-            None => {
-                list.ask(list.way_round.twist(twist));
-                Turn::Goes { suspended: false }
-            }
-            Some(Reaction::Cancel) => self.end(list, false),
-            Some(Reaction::Suspend) => {
-                self.free_us = 0;
-                list.idle();
-                self.wait(list, around, Role::Idles, false)
-            }
+        let twist = self.asked;
+        if outside.look(pose, &twist, around.ranges).is_some() {
+            return self.end(list, false);
         }
+        if self.is_barred || !SafetyCheck::is_free_but(clearance_m, &twist, around.ranges) {
+            self.free_us = 0;
+            list.idle();
+            return Turn::Goes { suspended: true };
+        }
+        list.ask(list.way_round.twist(twist));
+        Turn::Goes { suspended: false }
     }
 
     /// Leaves the list.

@@ -9,6 +9,8 @@ pub trait BehaviourTask {
     type Law: Behaviour + Default;
     /// Its parameter `outside_m`.
     const OUTSIDE: Param<f32>;
+    /// Its parameter `at_head`.
+    const AT_HEAD: Param<bool>;
 }
 
 /// The control law of one of several behaviours: what [`repertoire!`](crate::repertoire!) makes.
@@ -22,6 +24,9 @@ pub trait Repertoire: Send + Sized {
 
     /// The parameter `outside_m` of its behaviour.
     fn outside(&self) -> Param<f32>;
+
+    /// The parameter `at_head` of its behaviour.
+    fn at_head(&self) -> Param<bool>;
 }
 
 /// Says which behaviours the task [`Behaviours`](crate::behaviours::Behaviours) of a robot can
@@ -73,6 +78,12 @@ macro_rules! repertoire {
             fn outside(&self) -> $crate::Param<f32> {
                 match self {
                     $(Self::$task(_) => <$task as $crate::behaviours::BehaviourTask>::OUTSIDE,)+
+                }
+            }
+
+            fn at_head(&self) -> $crate::Param<bool> {
+                match self {
+                    $(Self::$task(_) => <$task as $crate::behaviours::BehaviourTask>::AT_HEAD,)+
                 }
             }
         }

@@ -22,6 +22,8 @@ pub struct Ports {
     pub failed: OutFlag,
     /// Where it ends.
     pub outside_m: Param<f32>,
+    /// Where on the list it comes.
+    pub at_head: Param<bool>,
     /// What the list names it by.
     pub task: u16,
 }
@@ -59,6 +61,7 @@ fn step(place: &mut Place, io: &mut Io<'_>, ports: &Ports, law: &mut dyn Behavio
         ranges: io.try_read(ports.ranges),
         period_us: io.period_us(),
         outside_m: params.get(ports.outside_m),
+        at_head: params.get(ports.at_head),
         task: ports.task,
     };
     match place.step(io.try_update(ports.list), &around, &params, law) {
@@ -175,6 +178,18 @@ mod tests {
         assert_eq!(steps, Some((FREE_FOR_US / PERIOD_US) as usize + 1));
         assert!(!bench.flag(Move::SUSPENDED));
         assert_eq!(list(&bench).head(), Some(key), "the same one goes on");
+    }
+
+    #[test]
+    fn one_that_says_so_comes_before_the_head_which_it_interrupts() {
+        let mut others = BehaviourList::EMPTY;
+        let first = others.insert_at_tail(1).expect("room");
+        others.dispatch();
+        let mut bench = bench();
+        bench.param(Move::AT_HEAD, true).give(Move::LIST, others);
+        assert_eq!(asks(&mut bench), FORWARDS);
+        assert_eq!(list(&bench).second(), Some(first));
+        assert_eq!(list(&bench).state(first), Some(LifeState::Resume));
     }
 
     #[test]

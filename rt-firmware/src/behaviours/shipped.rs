@@ -5,6 +5,8 @@ use super::along_wall::AlongWall;
 #[cfg(feature = "all-behaviours")]
 use super::approach::Approach;
 #[cfg(feature = "all-behaviours")]
+use super::dock::Dock;
+#[cfg(feature = "all-behaviours")]
 use super::follow_corridor::FollowCorridor;
 #[cfg(feature = "all-behaviours")]
 use super::follow_object::FollowObject;
@@ -30,6 +32,7 @@ repertoire! {
         Wander,
         Approach,
         FollowObject,
+        Dock,
     }
 }
 

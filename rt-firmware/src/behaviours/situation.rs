@@ -41,8 +41,12 @@ impl SafetyCheck {
 
     /// The way that must be free to go on at this speed, in metres from the rim.
     pub fn stop_distance_m(speed_m_per_s: f32) -> f32 {
+        Self::CLEARANCE_M + Self::way_to_stop_m(speed_m_per_s)
+    }
+
+    fn way_to_stop_m(speed_m_per_s: f32) -> f32 {
         let speed = speed_m_per_s.abs();
-        Self::CLEARANCE_M + speed * Self::REACTION_S + speed * speed / (2.0 * Self::BRAKE_M_PER_S2)
+        speed * Self::REACTION_S + speed * speed / (2.0 * Self::BRAKE_M_PER_S2)
     }
 }
 
@@ -53,15 +57,11 @@ impl SafetyCheck {
 
     /// Whether the way of this movement is free.
     pub fn is_free(twist: &Twist, ranges: Option<&Ranges>) -> bool {
-        Self::is_free_by(twist, ranges, 0.0)
+        Self::is_free_but(Self::CLEARANCE_M, twist, ranges)
     }
 
-    /// Whether the way is free of which it was not: by a little more.
-    pub fn is_free_again(twist: &Twist, ranges: Option<&Ranges>) -> bool {
-        Self::is_free_by(twist, ranges, Self::MORE_M)
-    }
-
-    fn is_free_by(twist: &Twist, ranges: Option<&Ranges>, more_m: f32) -> bool {
+    /// Whether the way is free where so much is to be left when the robot has stopped, in metres.
+    pub fn is_free_but(clearance_m: f32, twist: &Twist, ranges: Option<&Ranges>) -> bool {
         let ways = if twist.forward_m_per_s > 0.0 {
             [Bearing::Ahead, Bearing::AheadLeft, Bearing::AheadRight]
         } else if twist.forward_m_per_s < 0.0 {
@@ -69,7 +69,7 @@ impl SafetyCheck {
         } else {
             return true;
         };
-        let stop_m = Self::stop_distance_m(twist.forward_m_per_s) + more_m;
+        let stop_m = clearance_m + Self::way_to_stop_m(twist.forward_m_per_s);
         let [straight, diagonals @ ..] = ways;
         // A direction in which no sonar looks is nobody's fault, but straight on.
         ranges.is_some_and(|ranges| {
@@ -154,8 +154,9 @@ mod tests {
             ranges.range_m[0] = stop_m + more_m;
             let (twist, ranges) = (forwards(0.3), Some(&ranges));
             assert_eq!(SafetyCheck::is_free(&twist, ranges), is_free, "{more_m}");
+            let clearance_m = SafetyCheck::CLEARANCE_M + SafetyCheck::MORE_M;
             assert_eq!(
-                SafetyCheck::is_free_again(&twist, ranges),
+                SafetyCheck::is_free_but(clearance_m, &twist, ranges),
                 is_free_again,
                 "{more_m}"
             );

@@ -75,10 +75,18 @@ impl WayRound {
         }
     }
 
-    /// Whether the robot is to turn around, or does so. `ranges` are as the laws see them.
-    pub fn is_to_change(self, ranges: Option<&Ranges>, needs: impl Fn() -> Bearings) -> bool {
-        let sees_more = || ranges.is_some_and(|ranges| is_better(ranges, needs()));
-        (self.0.iter()).any(|turned| turned.to_rad.is_some() || sees_more())
+    /// Whether the robot is to turn around, or does so. `ranges` are as the laws see them. `needs`
+    /// is where it must be able to look; none where its front must be ahead.
+    pub fn is_to_change(
+        self,
+        ranges: Option<&Ranges>,
+        needs: impl Fn() -> Option<Bearings>,
+    ) -> bool {
+        let is_wrong = || match needs() {
+            Some(needs) => ranges.is_some_and(|ranges| is_better(ranges, needs)),
+            None => self.is_reversed(),
+        };
+        (self.0.iter()).any(|turned| turned.to_rad.is_some() || is_wrong())
     }
 
     /// Looks at the sonars that are needed, in the laws' eyes. Says how to turn, as long as the
@@ -87,7 +95,7 @@ impl WayRound {
         &mut self,
         pose: &Pose,
         ranges: Option<&Ranges>,
-        needs: impl Fn() -> Bearings,
+        needs: impl Fn() -> Option<Bearings>,
     ) -> Option<Twist> {
         if !self.is_to_change(ranges, needs) {
             return None;

@@ -35,14 +35,14 @@ fn it_turns_around_where_that_shows_it_more_of_what_it_needs_to_see() {
         (&[0], Bearings::NONE, false),
     ] {
         let mut way_round = WayRound::FORWARDS;
-        let twist = way_round.turn_around(&Pose::START, Some(&dead(lost)), || needs);
+        let twist = way_round.turn_around(&Pose::START, Some(&dead(lost)), || Some(needs));
         assert_eq!(twist.is_some(), turns, "{lost:?} {needs:?}");
     }
     // Nobody drives with an end ahead at which there is no sonar.
     let mut ahead_alone = dead(&[0]);
     ahead_alone.sonars = 1;
     let mut way_round = WayRound::FORWARDS;
-    let twist = way_round.turn_around(&Pose::START, Some(&ahead_alone), || Bearings::FRONT);
+    let twist = way_round.turn_around(&Pose::START, Some(&ahead_alone), || Some(Bearings::FRONT));
     assert_eq!(twist, None);
 }
 
@@ -59,7 +59,7 @@ fn what_the_laws_see_is_the_same_before_and_after() {
     loop {
         let mut room = None;
         let seen = way_round.ranges(Some(&ranges), &mut room);
-        let Some(twist) = way_round.turn_around(&pose, seen, || Bearings::FRONT) else {
+        let Some(twist) = way_round.turn_around(&pose, seen, || Some(Bearings::FRONT)) else {
             break;
         };
         pose = pose.rotate(twist.turn_rad_per_s * PERIOD_S);
@@ -85,6 +85,9 @@ fn what_the_laws_see_is_the_same_before_and_after() {
     let mut room = None;
     let seen = way_round.ranges(Some(&ranges), &mut room).unwrap();
     assert_eq!((seen.ahead_m(), seen.behind_m()), (Ranges::FAR_M, 0.0));
+    // Whose front must be ahead turns back, whatever it sees.
+    assert!(way_round.is_to_change(Some(seen), || None));
+    assert!(!WayRound::FORWARDS.is_to_change(Some(&ranges), || None));
 }
 
 #[test]

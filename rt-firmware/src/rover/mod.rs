@@ -30,7 +30,9 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
 #[cfg(feature = "all-behaviours")]
-use crate::behaviours::{AlongWall, Approach, FollowCorridor, FollowObject, PassDoor, Wander};
+use crate::behaviours::{
+    AlongWall, Approach, Dock, FollowCorridor, FollowObject, PassDoor, Wander,
+};
 #[cfg(feature = "behaviours")]
 use crate::behaviours::{Behaviours, GoTo, Move, TurnTo};
 #[cfg(feature = "imu")]
@@ -391,6 +393,7 @@ registry! {
         wander: Wander[2] if "all-behaviours",
         approach: Approach[2] if "all-behaviours",
         follow_object: FollowObject[2] if "all-behaviours",
+        dock: Dock[1] if "all-behaviours",
     }
 }
 
@@ -481,6 +484,8 @@ where
             approach: TaskPool::from_fn(Approach::default),
             #[cfg(feature = "all-behaviours")]
             follow_object: TaskPool::from_fn(FollowObject::default),
+            #[cfg(feature = "all-behaviours")]
+            dock: TaskPool::from_fn(Dock::default),
         }
     }
 }
