@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 pub const MAX_CALL_PARAMS: usize = 8;
 /// Bytes of a parameter in a [`Call`].
 pub const PARAM_BYTES: usize = 4;
+/// Bytes of [`BehaviourRequest::Position`].
+pub const POSITION_BYTES: usize = 13;
 /// How many situations are watched beside a behaviour at most, besides those that always are.
 pub const MAX_WATCHES: usize = 3;
 /// Bytes of a watched situation in a [`Call`].
@@ -73,6 +75,15 @@ pub enum BehaviourRequest<'a> {
     SuspendScript,
     /// It goes on.
     ResumeScript,
+    /// Where the robot is in the global frame, or how far from where it believes itself to be
+    /// there, seen from there. The task `GlobalPosition` takes it; what is on the list goes on as
+    /// if nothing had happened.
+    Position {
+        /// [`POSITION_BYTES`]: 1 for a difference, otherwise 0; then the bits of x (ahead) and y
+        /// (to the left) in metres and of the heading in radians, little endian.
+        /// [`position`](crate::position) has the bounds.
+        position: &'a [u8],
+    },
 }
 
 /// A behaviour, with its parameters and situations.

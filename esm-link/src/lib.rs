@@ -57,6 +57,7 @@ pub mod keys;
 pub mod message;
 #[cfg(feature = "mutants")]
 pub mod mutants;
+pub mod position;
 #[cfg(feature = "keys")]
 pub mod proof;
 pub mod recording;

@@ -2,10 +2,12 @@
 
 use crate::declaration::Params;
 use crate::features::BEHAVIOURS;
+use crate::odometry::Pose;
 use esm_link::behaviours::{
     ENTRY_BYTES, ListEntry, MAX_CALL_PARAMS, MAX_WATCHES, ScriptStatus, Watch,
 };
 use esm_link::message::LinkError;
+use esm_link::position::Correction;
 
 const _: () = assert!(MAX_CALL_PARAMS == crate::declaration::MAX_PARAMS);
 
@@ -75,6 +77,9 @@ pub(crate) enum ListCommand {
     EndScript,
     /// Suspend the script, or resume it.
     HoldScript(bool),
+    /// Where the robot is in the global frame, or how far off it is there. That is no command to
+    /// the list, but comes the same way.
+    Position(Correction, Pose),
     /// Say what stands on the list.
     Read,
 }
@@ -141,14 +146,17 @@ struct Place {
     command: Option<ListCommand>,
     answer: Option<Answer>,
     /// When the owner of the list asked last, in robot time.
-    heard_us: Option<u64>,
+    owner_us: Option<u64>,
+    /// When who knows the global position did.
+    position_us: Option<u64>,
 }
 
 impl Place {
     const EMPTY: Self = Self {
         command: None,
         answer: None,
-        heard_us: None,
+        owner_us: None,
+        position_us: None,
     };
 }
 
@@ -159,13 +167,16 @@ impl CommandBox {
     /// Puts a command in, at this robot time.
     ///
     /// # Errors
-    /// [`LinkError::NoBehaviours`] where nobody would take it.
+    /// [`LinkError::NoBehaviours`] or [`LinkError::NoPosition`] where nobody would take it.
     pub(crate) fn put(&mut self, command: ListCommand, now_us: u64) -> Result<(), LinkError> {
         let place = self.0.first_mut().ok_or(LinkError::NoBehaviours)?;
-        let is_heard =
-            (place.heard_us).is_some_and(|heard_us| now_us.saturating_sub(heard_us) <= DEAF_US);
+        let (heard_us, nobody) = match command {
+            ListCommand::Position(..) => (place.position_us, LinkError::NoPosition),
+            _ => (place.owner_us, LinkError::NoBehaviours),
+        };
+        let is_heard = heard_us.is_some_and(|heard_us| now_us.saturating_sub(heard_us) <= DEAF_US);
         if !is_heard {
-            return Err(LinkError::NoBehaviours);
+            return Err(nobody);
         }
         (place.command, place.answer) = (Some(command), None);
         Ok(())
@@ -174,8 +185,19 @@ impl CommandBox {
     /// Takes it, for the owner of the list.
     pub(crate) fn take(&mut self, now_us: u64) -> Option<ListCommand> {
         let place = self.0.first_mut()?;
-        place.heard_us = Some(now_us);
-        place.command.take()
+        place.owner_us = Some(now_us);
+        (place.command).take_if(|command| !matches!(command, ListCommand::Position(..)))
+    }
+
+    /// Takes what is said of the position, for who knows the global one.
+    pub(crate) fn take_position(&mut self, now_us: u64) -> Option<(Correction, Pose)> {
+        let place = self.0.first_mut()?;
+        place.position_us = Some(now_us);
+        let Some(ListCommand::Position(correction, by)) = place.command else {
+            return None;
+        };
+        place.command = None;
+        Some((correction, by))
     }
 
     /// What came of it.
@@ -221,5 +243,21 @@ mod tests {
         assert_eq!(commands.take_answer(), None);
         let late = put(&mut commands, 31 + DEAF_US);
         assert_eq!(late, Err(LinkError::NoBehaviours));
+    }
+
+    #[test]
+    fn what_is_said_of_the_position_is_for_who_knows_that() {
+        let mut commands = CommandBox::EMPTY;
+        let position = ListCommand::Position(Correction::Set, Pose::START);
+        assert_eq!(commands.take(10), None);
+        assert_eq!(commands.put(position, 10), Err(LinkError::NoPosition));
+        assert_eq!(commands.take_position(20), None);
+        assert_eq!(commands.put(position, 20), Ok(()));
+        assert_eq!(commands.take(30), None);
+        let told = commands.take_position(30);
+        assert_eq!(told, Some((Correction::Set, Pose::START)));
+        assert_eq!(commands.put(ListCommand::Read, 30), Ok(()));
+        assert_eq!(commands.take_position(40), None);
+        assert_eq!(commands.take(40), Some(ListCommand::Read));
     }
 }

@@ -41,9 +41,11 @@ use crate::declaration::{
 };
 use crate::features::{MISSIONS, WARM};
 use crate::list_command::{Answer, CommandBox, ListCommand};
+use crate::odometry::Pose;
 #[cfg(feature = "telemetry")]
 use crate::show::Show;
 use esm_link::message::SafeReason;
+use esm_link::position::Correction;
 
 /// Buffers of one output port.
 ///
@@ -447,6 +449,17 @@ impl<T: Task, const N: usize> TaskPool<T, N> {
             }),
         }
     }
+
+    /// A bank of tasks that are made in their places: a large one is not moved there over the
+    /// stack.
+    pub fn from_fn(mut make: impl FnMut() -> T) -> Self {
+        TaskPool {
+            places: core::array::from_fn(|_| Place {
+                task: UnsafeCell::new(make()),
+                outputs: <T::Outputs as OutputPorts>::EMPTY,
+            }),
+        }
+    }
 }
 
 // SAFETY: through a shared bank one reaches its tasks only by the `unsafe` methods of
@@ -762,6 +775,12 @@ impl<'a> Io<'a> {
     /// to be there from now on.
     pub(crate) fn take_list_command(&mut self) -> Option<ListCommand> {
         self.state.behaviours.take(self.state.robot_us)
+    }
+
+    /// Where the robot is, or how far off, as the link says. Who asks is known to be there from now
+    /// on.
+    pub(crate) fn take_position(&mut self) -> Option<(Correction, Pose)> {
+        self.state.behaviours.take_position(self.state.robot_us)
     }
 
     /// What came of it.

@@ -283,8 +283,8 @@ fn the_chapter_on_types_has_the_fields_of_the_code() {
     use rt_firmware::PortType;
     use rt_firmware::behaviours::BehaviourList;
     use rt_firmware::tasks::{
-        ArrayRanges, Battery, Contact, Line, Pose, Ranges, Twist, WheelControl, WheelSpeeds,
-        YawRate,
+        ArrayRanges, Battery, Contact, GlobalPose, Line, Pose, Ranges, Twist, WheelControl,
+        WheelSpeeds, YawRate,
     };
 
     let chapter = read("docs/src/types.md");
@@ -299,6 +299,7 @@ fn the_chapter_on_types_has_the_fields_of_the_code() {
         (Battery::NAME, Battery::FIELDS),
         (Line::NAME, Line::FIELDS),
         (Contact::NAME, Contact::FIELDS),
+        (GlobalPose::NAME, GlobalPose::FIELDS),
         (YawRate::NAME, YawRate::FIELDS),
     ];
     for (name, fields) in types {

@@ -77,6 +77,9 @@ const COMMANDS: &[(&str, bool)] = &[
     ("script show", false),
     ("script end", false),
     ("drive --twist 0.1,0 --for 100ms", false),
+    ("position", false),
+    ("position --json", false),
+    ("position --by x_m=0.1", false),
     ("record -o MCAP", true),
     ("tune --once", true),
     ("log --firmware ELF", true),
@@ -146,6 +149,7 @@ fn give_port(command: &mut Command, port: Port) {
             | ScriptAction::End(args) => &mut args.robot,
         },
         Command::Drive(args) => &mut args.robot,
+        Command::Position(args) => &mut args.robot,
         Command::Key(args) => match &mut args.action {
             KeyAction::Show(args) => return args.port = Some(port),
             KeyAction::Install(args) => &mut args.robot,

@@ -723,6 +723,8 @@ def _error(fields: Fields) -> Error:
         48: "NoScript",
         49: "NoSituation",
         50: "TooFast",
+        51: "PositionOutside",
+        52: "NoPosition",
     }
     if kind in plain:
         return Error(plain[kind], {})

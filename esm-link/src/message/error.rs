@@ -178,4 +178,9 @@ pub enum LinkError {
     NoSituation,
     /// A movement by hand is no number, or faster than it may be.
     TooFast,
+    /// A position or a correction is no number, or beyond its [bounds](crate::position).
+    PositionOutside,
+    /// No task `GlobalPosition` executes that knows where the robot is: the mission that runs has
+    /// none, or the robot is stopped.
+    NoPosition,
 }

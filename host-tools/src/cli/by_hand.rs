@@ -5,15 +5,17 @@ use std::str::FromStr;
 
 use anyhow::anyhow;
 use clap::Args;
+use esm_link::position::Correction;
 use thiserror::Error;
 
 use super::argument::{Time, TimeError};
 use super::console::Console;
 use super::drive::steering;
 use super::exit::CommandError;
+use super::position::place::{PlaceError, place};
 use super::script;
 use crate::lang;
-use crate::run::by_hand::{ByHand, Driven};
+use crate::run::by_hand::{ByHand, Driven, Placed};
 
 /// When a script is sent: the mission that runs has made its list by then.
 const SCRIPT_AT_US: u64 = 500_000;
@@ -35,6 +37,55 @@ pub struct ByHandArgs {
         allow_hyphen_values = true
     )]
     pub drive: Vec<Steered>,
+
+    /// Tells the robot at a robot time where it is (`set`, and all of x_m, y_m and heading_rad), or
+    /// how far it is from where it believes itself to be (`by`). May be given several times
+    #[arg(
+        long,
+        value_name = "'TIME set|by POSITION'",
+        conflicts_with = "replay",
+        allow_hyphen_values = true
+    )]
+    pub position: Vec<Placing>,
+}
+
+/// A robot that is told where it is, as a person writes it: `3 s by x_m = 0.1`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placing(pub Placed);
+
+/// Why a text is no [`Placing`].
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum PlacingError {
+    /// Other words, or in another order.
+    #[error("write a time, `set` or `by`, and a position, as in '3 s by x_m = 0.1'")]
+    Form,
+    /// What stands for a time is none.
+    #[error(transparent)]
+    Time(#[from] TimeError),
+    /// What stands for a position is none.
+    #[error(transparent)]
+    Place(#[from] PlaceError),
+}
+
+impl FromStr for Placing {
+    type Err = PlacingError;
+
+    fn from_str(text: &str) -> Result<Self, PlacingError> {
+        let (number, rest) = text.trim().split_once(' ').ok_or(PlacingError::Form)?;
+        let (unit, rest) = rest.trim().split_once(' ').ok_or(PlacingError::Form)?;
+        let (word, rest) = rest.trim().split_once(' ').ok_or(PlacingError::Form)?;
+        let correction = match word {
+            "set" => Correction::Set,
+            "by" => Correction::Difference,
+            _ => return Err(PlacingError::Form),
+        };
+        let at: Time = format!("{number} {unit}").parse()?;
+        Ok(Self(Placed {
+            at_us: at.us,
+            correction,
+            by: place(rest, correction)?,
+        }))
+    }
 }
 
 /// A robot steered by hand, as a person writes it: `2 s 5 s 0.2,0.5`.
@@ -108,14 +159,49 @@ pub fn planned(
             Some((SCRIPT_AT_US, script))
         }
     };
-    Ok(ByHand { script, driven })
+    let mut placed: Vec<Placed> = args.position.iter().map(|placing| placing.0).collect();
+    placed.sort_by_key(|placed| placed.at_us);
+    Ok(ByHand {
+        script,
+        driven,
+        placed,
+    })
 }
 
 #[cfg(test)]
 mod tests {
-    use rt_firmware::tasks::Twist;
+    use rt_firmware::tasks::{Pose, Twist};
 
     use super::*;
+
+    #[test]
+    fn a_position_comes_at_a_time() {
+        let placed = |at_us, correction, x_m| {
+            Ok(Placing(Placed {
+                at_us,
+                correction,
+                by: Pose { x_m, ..Pose::START },
+            }))
+        };
+        assert_eq!(
+            "3 s by x_m = -0.1".parse(),
+            placed(3_000_000, Correction::Difference, -0.1)
+        );
+        assert_eq!(
+            "1500 ms set x_m = 5, y_m = 0, heading_rad = 0".parse(),
+            placed(1_500_000, Correction::Set, 5.0)
+        );
+        for text in [
+            "",
+            "3 s",
+            "3 s set",
+            "3 s at x_m = 1",
+            "3 k by x_m = 0",
+            "3 s set x_m = 1",
+        ] {
+            assert!(text.parse::<Placing>().is_err(), "{text}");
+        }
+    }
 
     #[test]
     fn steering_is_two_times_and_a_movement() {

@@ -50,6 +50,7 @@ mod own_drive;
 pub mod param;
 pub mod plot;
 pub mod ports;
+pub mod position;
 pub mod record;
 pub mod recorder;
 pub mod replay;
@@ -159,6 +160,7 @@ pub enum Command {
     Behaviours(behaviours::BehavioursArgs),
     Script(script::ScriptArgs),
     Drive(drive::DriveArgs),
+    Position(position::PositionArgs),
 }
 
 /// Runs the command with the arguments and the streams of this process. The board `host` has the
@@ -257,6 +259,7 @@ pub fn execute(
         Command::Behaviours(args) => behaviours::execute(args, robot, console),
         Command::Script(args) => script::execute(args, robot, console),
         Command::Drive(args) => drive::execute(args, console),
+        Command::Position(args) => position::execute(args, console),
     }
 }
 

@@ -141,14 +141,17 @@ fn show(
 }
 
 /// The nets of the mission that runs.
-fn read(robot: &mut Robot) -> Result<Catalogue, CommandError> {
+///
+/// # Errors
+/// The robot does not say.
+pub fn read(robot: &mut Robot) -> Result<Catalogue, CommandError> {
     let blob = robot.running_blob()?;
     let blob = esm_core::verify(blob).map_err(|(_, refusal)| ReadError::Blob(refusal))?;
     Ok(Catalogue::read(robot, &blob)?)
 }
 
 /// Nets with the names that they are called by here.
-type Named = Vec<(String, Watched)>;
+pub type Named = Vec<(String, Watched)>;
 
 /// The nets that a person wants to see; without names all.
 fn wanted(catalogue: &Catalogue, names: &[String]) -> Result<Named, CommandError> {
@@ -210,14 +213,27 @@ fn show_once(
 ) -> Result<(), CommandError> {
     let subscription = begin(robot, mission, &nets, Duration::ZERO)?;
     tell_clock(json, console);
+    match first(robot, &subscription, interrupt)? {
+        Some(reading) => print(mission, &nets, &reading, json, console),
+        None => Ok(()),
+    }
+}
+
+/// The first sample that comes; none where Ctrl-C was pressed before.
+///
+/// # Errors
+/// None comes, or the mission is another one by then.
+pub fn first(
+    robot: &mut Robot,
+    subscription: &Subscription,
+    interrupt: &Interrupt,
+) -> Result<Option<Reading>, CommandError> {
     let begun = robot.clock().now();
     while !interrupt.is_requested() {
         robot.attend(LISTEN_TIME)?;
         for event in robot.take_events() {
             match subscription.read(&event) {
-                Some(Told::Sample(reading)) => {
-                    return print(mission, &nets, &reading, json, console);
-                }
+                Some(Told::Sample(reading)) => return Ok(Some(reading)),
                 Some(Told::Ended) => {
                     return Err(CommandError::World(anyhow!(
                         "the robot changed its mission meanwhile; ask again"
@@ -232,7 +248,7 @@ fn show_once(
             )));
         }
     }
-    Ok(())
+    Ok(None)
 }
 
 /// Shows samples until Ctrl-C, or until the mission is another one.
@@ -275,7 +291,11 @@ fn tell_clock(json: bool, console: &mut Console) {
     }
 }
 
-fn begin(
+/// Asks for samples of these nets, one each `period` at most.
+///
+/// # Errors
+/// The robot stands still, or refuses.
+pub fn begin(
     robot: &mut Robot,
     mission: u32,
     nets: &Named,

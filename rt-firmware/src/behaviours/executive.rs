@@ -283,6 +283,8 @@ impl<R: Repertoire> Behaviours<R> {
                 Ok(())
             }
             ListCommand::HoldScript(is_held) => self.hold_script(list, is_held),
+            // It does not come here.
+            ListCommand::Position(..) => Err(LinkError::NoPosition),
         };
         result.map_or_else(Answer::Refused, |()| Answer::Done)
     }

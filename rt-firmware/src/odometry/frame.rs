@@ -115,6 +115,21 @@ impl LocalFrame {
             heading_rad: wrapped_rad(global.heading_rad - frame.heading_rad),
         }
     }
+
+    /// A frame that is seen from this one, as seen from where this one is seen from: what
+    /// [`see`](Self::see) undoes.
+    pub fn to_global(&self, local: Frame) -> Frame {
+        let Self {
+            frame,
+            sine,
+            cosine,
+        } = self;
+        Frame {
+            x_m: frame.x_m + local.x_m * cosine - local.y_m * sine,
+            y_m: frame.y_m + local.x_m * sine + local.y_m * cosine,
+            heading_rad: wrapped_rad(frame.heading_rad + local.heading_rad),
+        }
+    }
 }
 
 #[cfg(test)]

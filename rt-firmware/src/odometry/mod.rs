@@ -5,6 +5,7 @@
 //! | `angle` | sine, cosine and wrapped angles |
 //! | `arc` | the arc that a robot drives from one look at its wheels to the next |
 //! | `frame` | [`Frame`], places seen from each other, and [`Pose`], which is one |
+//! | `global` | [`GlobalFrame`], in which the robot can be told where it is |
 //! | `uncertainty` | [`Uncertainty`], how far a pose may be off |
 //!
 //! In `f32`: a step of a fraction of a millimetre is lost only tens of kilometres from the start,
@@ -17,9 +18,11 @@
 mod angle;
 mod arc;
 mod frame;
+mod global;
 mod uncertainty;
 
 pub(crate) use angle::sine_and_cosine;
 pub use angle::wrapped_rad;
 pub use frame::{Frame, LocalFrame, Pose};
+pub use global::{GlobalFrame, OutsideBounds};
 pub use uncertainty::Uncertainty;

@@ -1,7 +1,7 @@
 //! Uncertainty: how far a pose from odometry may be off.
 
 use super::arc::{Arc, chord_by_arc, chord_slope};
-use super::frame::Pose;
+use super::frame::{Frame, Pose};
 
 /// The covariance of a pose: how far it may be off in x, y and heading (θ), and which of these
 /// errors come together.
@@ -68,6 +68,15 @@ impl Uncertainty {
             );
         }
         carried
+    }
+
+    /// The uncertainty of `pose.compose(by)`, where this is that of `pose`, and `by` is known: a
+    /// correction by what somebody has seen. It grows by what an error of the heading makes of that
+    /// way. A pose that was set, not corrected, has [`NONE`](Self::NONE).
+    #[must_use]
+    pub fn corrected(self, pose: Pose, by: Frame) -> Self {
+        let corrected = pose.translate(by.x_m, by.y_m);
+        self.carried(corrected.x_m - pose.x_m, corrected.y_m - pose.y_m)
     }
 
     /// After a way by which the end is this far from the start: an error of the heading at the
@@ -183,6 +192,38 @@ mod tests {
                 "{found}, not {expected}"
             );
         }
+    }
+
+    /// Twice carried along is carried along both ways, and a way forth and back changes nothing.
+    #[test]
+    fn a_correction_carries_it_along_as_a_way_does() {
+        let (pose, uncertain) = driven(100, 0.02, 0.021);
+        let by = Frame {
+            x_m: 0.3,
+            y_m: -0.2,
+            heading_rad: 0.4,
+        };
+        let corrected = uncertain.corrected(pose, by);
+        // An error of the heading, of one standard deviation, turns the new pose about the old one.
+        let (along_m, across_m) = {
+            let moved = pose.compose(by);
+            (moved.x_m - pose.x_m, moved.y_m - pose.y_m)
+        };
+        let expected = Uncertainty {
+            xx_m2: uncertain.xx_m2 - 2.0 * across_m * uncertain.xt_m_rad
+                + across_m * across_m * uncertain.tt_rad2,
+            yy_m2: uncertain.yy_m2
+                + 2.0 * along_m * uncertain.yt_m_rad
+                + along_m * along_m * uncertain.tt_rad2,
+            ..corrected
+        };
+        assert!((corrected.xx_m2 - expected.xx_m2).abs() < 1e-8);
+        assert!((corrected.yy_m2 - expected.yy_m2).abs() < 1e-8);
+        assert_eq!(corrected.tt_rad2, uncertain.tt_rad2);
+        let back = corrected.corrected(pose.compose(by), by.inverse());
+        assert!((back.xx_m2 - uncertain.xx_m2).abs() < 1e-8, "{back:?}");
+        assert!((back.xy_m2 - uncertain.xy_m2).abs() < 1e-8, "{back:?}");
+        assert!((back.yy_m2 - uncertain.yy_m2).abs() < 1e-8, "{back:?}");
     }
 
     /// Random numbers of a normal distribution, the same in each run: an xorshift generator and

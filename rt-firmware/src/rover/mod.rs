@@ -56,6 +56,8 @@ use crate::tasks::{
     LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SonarRing, Stop, Turn,
     WheelSpeed,
 };
+#[cfg(feature = "behaviours")]
+use crate::tasks::{CorrectPosition, GlobalPosition, SetPosition};
 #[cfg(feature = "all-tasks")]
 use crate::tasks::{Count, DriveDistance, FollowLine, LineMonitor, SlotMonitor};
 #[cfg(feature = "sonar-array")]
@@ -380,6 +382,9 @@ registry! {
         bumpers: Bumpers<X::Bumper>[1] if "bumpers",
         gyro: Gyro<X::ImuBus>[1] if "imu",
         behaviours: Behaviours[1] if "behaviours",
+        global_position: GlobalPosition[1] if "behaviours",
+        set_position: SetPosition[2] if "behaviours",
+        correct_position: CorrectPosition[2] if "behaviours",
         move_on: Move[4] if "behaviours",
         turn_to: TurnTo[4] if "behaviours",
         go_to: GoTo[4] if "behaviours",
@@ -433,12 +438,12 @@ where
             battery_monitor: TaskPool::new([hardware.battery_monitor]),
             proximity_monitor: TaskPool::new([ProximityMonitor]),
             cruise: TaskPool::new(array::from_fn(|_| Cruise)),
-            back: TaskPool::new(array::from_fn(|_| Back::default())),
-            turn: TaskPool::new(array::from_fn(|_| Turn::default())),
+            back: TaskPool::from_fn(Back::default),
+            turn: TaskPool::from_fn(Turn::default),
             #[cfg(feature = "all-tasks")]
-            drive_distance: TaskPool::new(array::from_fn(|_| DriveDistance::default())),
+            drive_distance: TaskPool::from_fn(DriveDistance::default),
             #[cfg(feature = "all-tasks")]
-            count: TaskPool::new(array::from_fn(|_| Count::default())),
+            count: TaskPool::from_fn(Count::default),
             follow_wall: TaskPool::new([FollowWall]),
             round_corner: TaskPool::new([RoundCorner]),
             stop: TaskPool::new(array::from_fn(|_| Stop)),
@@ -450,9 +455,9 @@ where
             #[cfg(feature = "all-tasks")]
             follow_line: TaskPool::new(array::from_fn(|_| FollowLine)),
             #[cfg(feature = "all-tasks")]
-            slot_monitor: TaskPool::new([SlotMonitor::default()]),
-            link_monitor: TaskPool::new([LinkMonitor::default()]),
-            battery_guard: TaskPool::new([BatteryGuard::default()]),
+            slot_monitor: TaskPool::from_fn(SlotMonitor::default),
+            link_monitor: TaskPool::from_fn(LinkMonitor::default),
+            battery_guard: TaskPool::from_fn(BatteryGuard::default),
             #[cfg(feature = "sonar-array")]
             sonar_array: TaskPool::new([hardware.sonar_array]),
             #[cfg(feature = "sonar-array")]
@@ -464,45 +469,51 @@ where
             #[cfg(feature = "imu")]
             gyro: TaskPool::new([hardware.gyro]),
             #[cfg(feature = "behaviours")]
-            behaviours: TaskPool::new([Behaviours::default()]),
+            global_position: TaskPool::from_fn(GlobalPosition::default),
             #[cfg(feature = "behaviours")]
-            move_on: TaskPool::new(array::from_fn(|_| Move::default())),
+            set_position: TaskPool::from_fn(SetPosition::default),
             #[cfg(feature = "behaviours")]
-            turn_to: TaskPool::new(array::from_fn(|_| TurnTo::default())),
+            correct_position: TaskPool::from_fn(CorrectPosition::default),
             #[cfg(feature = "behaviours")]
-            go_to: TaskPool::new(array::from_fn(|_| GoTo::default())),
+            behaviours: TaskPool::from_fn(Behaviours::default),
+            #[cfg(feature = "behaviours")]
+            move_on: TaskPool::from_fn(Move::default),
+            #[cfg(feature = "behaviours")]
+            turn_to: TaskPool::from_fn(TurnTo::default),
+            #[cfg(feature = "behaviours")]
+            go_to: TaskPool::from_fn(GoTo::default),
             #[cfg(feature = "all-behaviours")]
-            follow_corridor: TaskPool::new(array::from_fn(|_| FollowCorridor::default())),
+            follow_corridor: TaskPool::from_fn(FollowCorridor::default),
             #[cfg(feature = "all-behaviours")]
-            pass_door: TaskPool::new(array::from_fn(|_| PassDoor::default())),
+            pass_door: TaskPool::from_fn(PassDoor::default),
             #[cfg(feature = "all-behaviours")]
-            along_wall: TaskPool::new(array::from_fn(|_| AlongWall::default())),
+            along_wall: TaskPool::from_fn(AlongWall::default),
             #[cfg(feature = "all-behaviours")]
-            wander: TaskPool::new(array::from_fn(|_| Wander::default())),
+            wander: TaskPool::from_fn(Wander::default),
             #[cfg(feature = "all-behaviours")]
-            approach: TaskPool::new(array::from_fn(|_| Approach::default())),
+            approach: TaskPool::from_fn(Approach::default),
             #[cfg(feature = "all-behaviours")]
-            follow_object: TaskPool::new(array::from_fn(|_| FollowObject::default())),
+            follow_object: TaskPool::from_fn(FollowObject::default),
             #[cfg(feature = "all-behaviours")]
-            dock: TaskPool::new([Dock::default()]),
+            dock: TaskPool::from_fn(Dock::default),
             #[cfg(feature = "all-behaviours")]
-            outside_range: TaskPool::new(array::from_fn(|_| OutsideRange::default())),
+            outside_range: TaskPool::from_fn(OutsideRange::default),
             #[cfg(feature = "all-behaviours")]
-            stuck: TaskPool::new(array::from_fn(|_| Stuck::default())),
+            stuck: TaskPool::from_fn(Stuck::default),
             #[cfg(feature = "all-behaviours")]
-            sensor_lost: TaskPool::new(array::from_fn(|_| SensorLost::default())),
+            sensor_lost: TaskPool::from_fn(SensorLost::default),
             #[cfg(feature = "all-behaviours")]
-            low_battery: TaskPool::new(array::from_fn(|_| LowBattery::default())),
+            low_battery: TaskPool::from_fn(LowBattery::default),
             #[cfg(feature = "all-behaviours")]
-            near: TaskPool::new(array::from_fn(|_| Near::default())),
+            near: TaskPool::from_fn(Near::default),
             #[cfg(feature = "all-behaviours")]
-            door_left: TaskPool::new(array::from_fn(|_| DoorLeft::default())),
+            door_left: TaskPool::from_fn(DoorLeft::default),
             #[cfg(feature = "all-behaviours")]
-            door_right: TaskPool::new(array::from_fn(|_| DoorRight::default())),
+            door_right: TaskPool::from_fn(DoorRight::default),
             #[cfg(feature = "all-behaviours")]
-            corner_left: TaskPool::new(array::from_fn(|_| CornerLeft::default())),
+            corner_left: TaskPool::from_fn(CornerLeft::default),
             #[cfg(feature = "all-behaviours")]
-            corner_right: TaskPool::new(array::from_fn(|_| CornerRight::default())),
+            corner_right: TaskPool::from_fn(CornerRight::default),
         }
     }
 }

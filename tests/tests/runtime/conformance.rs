@@ -365,6 +365,18 @@ fn write_frames(text: &mut String) {
             Request::Behaviours(BehaviourRequest::ResumeScript),
         ),
         (
+            "request position",
+            Request::Behaviours(BehaviourRequest::Position {
+                position: &[0, 0, 0, 0x48, 0x41, 0, 0, 0x40, 0xc0, 0, 0, 0xc0, 0x3f],
+            }),
+        ),
+        (
+            "request correct position",
+            Request::Behaviours(BehaviourRequest::Position {
+                position: &[1, 0, 0, 0x80, 0x3e, 0, 0, 0, 0, 0, 0, 0, 0xbf],
+            }),
+        ),
+        (
             "request drive",
             Request::Drive {
                 forward_m_per_s: 0.25,
@@ -449,7 +461,7 @@ fn write_frames(text: &mut String) {
             record_erases: 5,
         }),
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 70] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 72] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
@@ -724,6 +736,8 @@ fn write_frames(text: &mut String) {
         ("error no script", Err(LinkError::NoScript)),
         ("error no situation", Err(LinkError::NoSituation)),
         ("error too fast", Err(LinkError::TooFast)),
+        ("error position outside", Err(LinkError::PositionOutside)),
+        ("error no position", Err(LinkError::NoPosition)),
         (
             "error too many steps",
             Err(LinkError::CapacityExceeded {

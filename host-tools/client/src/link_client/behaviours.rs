@@ -6,7 +6,8 @@ use esm_link::behaviours::{
     BehaviourRequest, Call, ENTRY_BYTES, ListEntry, MAX_DRIVE_US, ScriptStatus,
 };
 use esm_link::message::{Request, Response};
-use rt_firmware::tasks::Twist;
+use esm_link::position::Correction;
+use rt_firmware::tasks::{Pose, Twist};
 
 use super::{ClientError, LinkClient};
 use crate::serial::ByteLink;
@@ -80,6 +81,26 @@ impl<L: ByteLink> LinkClient<L> {
             "change the list of behaviours",
             Request::Behaviours(request),
         )
+    }
+
+    /// Tells the robot where it is, or how far it is from where it believes itself to be.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with
+    /// [`NoPosition`](esm_link::message::LinkError::NoPosition) where nobody takes it.
+    pub fn correct_position(
+        &mut self,
+        correction: Correction,
+        by: Pose,
+    ) -> Result<(), ClientError> {
+        let mut position = vec![u8::from(correction == Correction::Difference)];
+        for value in [by.x_m, by.y_m, by.heading_rad] {
+            position.extend(value.to_le_bytes());
+        }
+        let request = BehaviourRequest::Position {
+            position: &position,
+        };
+        self.ask_to_do("correct the position", Request::Behaviours(request))
     }
 
     /// Moves like this until a time on the robot's clock; a [`Pilot`] works out which.

@@ -1,6 +1,7 @@
-//! What a run tells the list of behaviours while it goes: a script, movements by hand.
+//! What a run tells the list of behaviours while it goes: a script, movements by hand, positions.
 
-use rt_firmware::tasks::Twist;
+use esm_link::position::Correction;
+use rt_firmware::tasks::{Pose, Twist};
 
 use crate::link_client::behaviours::Pilot;
 use crate::link_client::{ClientError, LinkClient};
@@ -21,6 +22,17 @@ pub struct Driven {
     pub twist: Twist,
 }
 
+/// A robot that is told where it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placed {
+    /// Robot time at which it is, in microseconds.
+    pub at_us: u64,
+    /// Whether `by` is a position or a difference.
+    pub correction: Correction,
+    /// Where it is, or how far from where it believes itself to be.
+    pub by: Pose,
+}
+
 /// What the list of behaviours is told.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ByHand {
@@ -28,6 +40,8 @@ pub struct ByHand {
     pub script: Option<(u64, Script)>,
     /// Movements, in the order of their times.
     pub driven: Vec<Driven>,
+    /// Positions, in the order of their times.
+    pub placed: Vec<Placed>,
 }
 
 /// How far that has come.
@@ -60,6 +74,12 @@ impl Telling {
     ) -> Result<(), ClientError> {
         if let Some((_, script)) = self.rest.script.take_if(|(at_us, _)| *at_us <= robot_us) {
             robot.run_script(&script)?;
+        }
+        while let Some(placed) =
+            (self.rest.placed.first().copied()).filter(|placed| placed.at_us <= robot_us)
+        {
+            self.rest.placed.remove(0);
+            robot.correct_position(placed.correction, placed.by)?;
         }
         let Some(driven) = self.rest.driven.first().copied() else {
             return Ok(());

@@ -5,6 +5,7 @@ use super::handler::{Reaction, RequestHandler};
 use crate::declaration::{Declaration, Direction, MAX_PARAMS, Params};
 use crate::features::BEHAVIOURS;
 use crate::list_command::{Call, LIST_TYPE, ListCommand};
+use crate::odometry::Pose;
 use crate::ports::Registry;
 use crate::realtime::mailbox::Command;
 use crate::realtime::params;
@@ -13,6 +14,7 @@ use esm_link::behaviours::{
     PARAM_BYTES, WATCH_BYTES, Watch,
 };
 use esm_link::message::{LinkError, Request};
+use esm_link::position::Correction;
 
 impl RequestHandler<'_, '_> {
     /// Asks the owner of the list, at this time on the board's clock.
@@ -70,7 +72,31 @@ fn command_of(
         BehaviourRequest::EndScript => ListCommand::EndScript,
         BehaviourRequest::SuspendScript => ListCommand::HoldScript(true),
         BehaviourRequest::ResumeScript => ListCommand::HoldScript(false),
+        BehaviourRequest::Position { position } => checked_position(position)?,
     })
+}
+
+/// A position or a correction that is one, within its bounds.
+fn checked_position(position: &[u8]) -> Result<ListCommand, LinkError> {
+    let (&[is_difference], pose) = position.split_first_chunk().ok_or(LinkError::Malformed)?;
+    let (&[x_m, y_m, heading_rad], []) = pose.as_chunks::<PARAM_BYTES>() else {
+        return Err(LinkError::Malformed);
+    };
+    let [x_m, y_m, heading_rad] = [x_m, y_m, heading_rad].map(f32::from_le_bytes);
+    let correction = match is_difference {
+        0 => Correction::Set,
+        1 => Correction::Difference,
+        _ => return Err(LinkError::Malformed),
+    };
+    if !correction.allows(x_m, y_m, heading_rad) {
+        return Err(LinkError::PositionOutside);
+    }
+    let pose = Pose {
+        x_m,
+        y_m,
+        heading_rad,
+    };
+    Ok(ListCommand::Position(correction, pose))
 }
 
 /// A movement that is one, and holds for no longer than it may.
