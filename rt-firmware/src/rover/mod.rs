@@ -30,12 +30,13 @@ use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
 
 #[cfg(feature = "all-behaviours")]
-use crate::behaviours::{
-    AlongWall, Approach, CornerLeft, CornerRight, DoorLeft, DoorRight, FollowCorridor,
-    FollowObject, LowBattery, Near, OutsideRange, PassDoor, SensorLost, Stuck, Wander,
-};
+use crate::behaviours::{AlongWall, Approach, FollowCorridor, FollowObject, PassDoor, Wander};
 #[cfg(feature = "behaviours")]
 use crate::behaviours::{Behaviours, GoTo, Move, TurnTo};
+#[cfg(feature = "situations")]
+use crate::behaviours::{
+    CornerLeft, CornerRight, DoorLeft, DoorRight, LowBattery, Near, OutsideRange, SensorLost, Stuck,
+};
 #[cfg(feature = "imu")]
 use crate::body::ImuBus;
 use crate::body::{
@@ -389,15 +390,15 @@ registry! {
         wander: Wander[2] if "all-behaviours",
         approach: Approach[2] if "all-behaviours",
         follow_object: FollowObject[2] if "all-behaviours",
-        outside_range: OutsideRange[2] if "all-behaviours",
-        stuck: Stuck[2] if "all-behaviours",
-        sensor_lost: SensorLost[2] if "all-behaviours",
-        low_battery: LowBattery[2] if "all-behaviours",
-        near: Near[2] if "all-behaviours",
-        door_left: DoorLeft[2] if "all-behaviours",
-        door_right: DoorRight[2] if "all-behaviours",
-        corner_left: CornerLeft[2] if "all-behaviours",
-        corner_right: CornerRight[2] if "all-behaviours",
+        outside_range: OutsideRange[1] if "situations",
+        stuck: Stuck[2] if "situations",
+        sensor_lost: SensorLost[1] if "situations",
+        low_battery: LowBattery[1] if "situations",
+        near: Near[2] if "situations",
+        door_left: DoorLeft[2] if "situations",
+        door_right: DoorRight[2] if "situations",
+        corner_left: CornerLeft[1] if "situations",
+        corner_right: CornerRight[1] if "situations",
     }
 }
 
@@ -482,24 +483,24 @@ where
             approach: TaskPool::new(array::from_fn(|_| Approach::default())),
             #[cfg(feature = "all-behaviours")]
             follow_object: TaskPool::new(array::from_fn(|_| FollowObject::default())),
-            #[cfg(feature = "all-behaviours")]
-            outside_range: TaskPool::new(array::from_fn(|_| OutsideRange::default())),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
+            outside_range: TaskPool::new([OutsideRange::default()]),
+            #[cfg(feature = "situations")]
             stuck: TaskPool::new(array::from_fn(|_| Stuck::default())),
-            #[cfg(feature = "all-behaviours")]
-            sensor_lost: TaskPool::new(array::from_fn(|_| SensorLost::default())),
-            #[cfg(feature = "all-behaviours")]
-            low_battery: TaskPool::new(array::from_fn(|_| LowBattery::default())),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
+            sensor_lost: TaskPool::new([SensorLost::default()]),
+            #[cfg(feature = "situations")]
+            low_battery: TaskPool::new([LowBattery::default()]),
+            #[cfg(feature = "situations")]
             near: TaskPool::new(array::from_fn(|_| Near::default())),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
             door_left: TaskPool::new(array::from_fn(|_| DoorLeft::default())),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
             door_right: TaskPool::new(array::from_fn(|_| DoorRight::default())),
-            #[cfg(feature = "all-behaviours")]
-            corner_left: TaskPool::new(array::from_fn(|_| CornerLeft::default())),
-            #[cfg(feature = "all-behaviours")]
-            corner_right: TaskPool::new(array::from_fn(|_| CornerRight::default())),
+            #[cfg(feature = "situations")]
+            corner_left: TaskPool::new([CornerLeft::default()]),
+            #[cfg(feature = "situations")]
+            corner_right: TaskPool::new([CornerRight::default()]),
         }
     }
 }
