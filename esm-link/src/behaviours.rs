@@ -130,6 +130,11 @@ pub enum Situation {
     CornerLeft = 7,
     /// A wall ahead and one on the right are both nearer than so many metres.
     CornerRight = 8,
+    /// The behaviour has been on the list for so many seconds, those left out in which it was
+    /// suspended by hand.
+    Lasts = 9,
+    /// The behaviour has failed. It has no parameter, and is over when it is told.
+    Failed = 10,
 }
 
 /// The least width that can be asked of a door, at most: no opening that is much wider is a door,
@@ -138,7 +143,7 @@ pub const MAX_DOOR_M: f32 = 1.3;
 
 impl Situation {
     /// All of them, by their numbers.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 11] = [
         Self::OutsideRange,
         Self::Stuck,
         Self::SensorLost,
@@ -148,9 +153,11 @@ impl Situation {
         Self::DoorRight,
         Self::CornerLeft,
         Self::CornerRight,
+        Self::Lasts,
+        Self::Failed,
     ];
 
-    /// What scripts call it, and its parameter.
+    /// What scripts call it, and its parameter; that is empty where it has none.
     pub const fn names(self) -> (&'static str, &'static str) {
         match self {
             Self::OutsideRange => ("outside_range", "radius_m"),
@@ -162,6 +169,8 @@ impl Situation {
             Self::DoorRight => ("door_right", "least_m"),
             Self::CornerLeft => ("corner_left", "range_m"),
             Self::CornerRight => ("corner_right", "range_m"),
+            Self::Lasts => ("lasts", "after_s"),
+            Self::Failed => ("failed", ""),
         }
     }
 
@@ -169,8 +178,18 @@ impl Situation {
     pub const fn most(self) -> f32 {
         match self {
             Self::DoorLeft | Self::DoorRight => MAX_DOOR_M,
+            Self::Failed => 0.0,
             _ => f32::MAX,
         }
+    }
+
+    /// Whether this can be done about it. What has failed is over: only what follows can be said.
+    pub const fn takes(self, reaction: Reaction) -> bool {
+        let follows = matches!(
+            reaction,
+            Reaction::Cancel | Reaction::EndScript | Reaction::GoOn(_)
+        );
+        follows || !matches!(self, Self::Failed)
     }
 
     /// Whether it is something that the robot drives past, or up to.
@@ -195,10 +214,14 @@ pub enum Reaction {
     Flag,
     /// This step of the script is inserted before it, once for each time the situation comes up.
     Insert(u8),
+    /// The behaviour ends, and the script goes on with this step, which is a later one.
+    GoOn(u8),
 }
 
 /// The number of [`Reaction::Insert`] with the step 0.
 const INSERT: u8 = 16;
+/// The number of [`Reaction::GoOn`] with the step 0.
+const GO_ON: u8 = 32;
 
 impl Reaction {
     const fn number(self) -> u8 {
@@ -208,6 +231,7 @@ impl Reaction {
             Self::EndScript => 2,
             Self::Flag => 3,
             Self::Insert(step) => INSERT + step,
+            Self::GoOn(step) => GO_ON + step,
         }
     }
 
@@ -217,32 +241,38 @@ impl Reaction {
             1 => Self::Cancel,
             2 => Self::EndScript,
             3 => Self::Flag,
-            _ => Self::Insert(
-                number
-                    .checked_sub(INSERT)
-                    .filter(|step| usize::from(*step) < MAX_SCRIPT_STEPS)?,
-            ),
+            _ => {
+                let step = |first: u8| {
+                    let step = number.checked_sub(first)?;
+                    (usize::from(step) < MAX_SCRIPT_STEPS).then_some(step)
+                };
+                return step(INSERT)
+                    .map(Self::Insert)
+                    .or_else(|| step(GO_ON).map(Self::GoOn));
+            }
         })
     }
 }
 
 impl Watch {
     /// Its bytes in a [`Call`]: situation, reaction, bits of the value, little endian. A step that
-    /// a reaction inserts is below [`MAX_SCRIPT_STEPS`].
+    /// a reaction names is below [`MAX_SCRIPT_STEPS`].
     pub fn to_bytes(self) -> [u8; WATCH_BYTES] {
         let [a, b, c, d] = self.value.to_le_bytes();
         [self.situation as u8, self.reaction.number(), a, b, c, d]
     }
 
     /// Reads its bytes. None where they are none, or the value is negative, no number, or above
-    /// [`Situation::most`].
+    /// [`Situation::most`], or the situation does not take the reaction.
     pub fn of_bytes([situation, reaction, value @ ..]: [u8; WATCH_BYTES]) -> Option<Self> {
         let value = f32::from_le_bytes(value);
         let situation = Situation::ALL.get(usize::from(situation)).copied()?;
-        (0.0..=situation.most()).contains(&value).then_some(Self {
+        let reaction = Reaction::of_number(reaction)?;
+        let is_one = (0.0..=situation.most()).contains(&value) && situation.takes(reaction);
+        is_one.then_some(Self {
             situation,
             value,
-            reaction: Reaction::of_number(reaction)?,
+            reaction,
         })
     }
 }
@@ -357,13 +387,16 @@ mod tests {
                 Reaction::Flag,
                 Reaction::Insert(0),
                 Reaction::Insert(15),
+                Reaction::GoOn(0),
+                Reaction::GoOn(15),
             ] {
                 let watch = Watch {
                     situation,
-                    value: 1.25,
+                    value: situation.most().min(1.25),
                     reaction,
                 };
-                assert_eq!(Watch::of_bytes(watch.to_bytes()), Some(watch));
+                let takes = situation.takes(reaction).then_some(watch);
+                assert_eq!(Watch::of_bytes(watch.to_bytes()), takes);
             }
         }
         let good = Watch {
@@ -373,10 +406,10 @@ mod tests {
         };
         let bytes = good.to_bytes();
         for (place, byte) in [
-            (0, 9),
+            (0, 11),
             (1, 4),
             (1, 15),
-            (1, 32),
+            (1, 48),
             (5, 0x7f),
             (5, 0xff),
             (5, 0xbf),

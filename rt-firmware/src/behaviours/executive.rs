@@ -6,14 +6,14 @@ use super::list::{BehaviourList, Key, MAX_BEHAVIOURS};
 use super::place::Turn;
 use super::remote_control::RemoteControl;
 use super::repertoire::Repertoire;
-use super::script::Script;
+use super::script::{Script, StepEnd};
 use super::shipped::ShippedLaws;
 use crate::list_command::{Answer, Call, ListCommand, MAX_ENTRIES, Report};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 use crate::tasks::{Battery, Pose, Ranges, Twist};
-use esm_link::behaviours::{ListEntry, Origin};
+use esm_link::behaviours::{ListEntry, Origin, Reaction};
 use esm_link::message::LinkError;
 
 const _: () = assert!(MAX_ENTRIES == MAX_BEHAVIOURS + 1);
@@ -140,13 +140,21 @@ impl<R: Repertoire> Behaviours<R> {
                 continue;
             };
             let (key, origin) = (inserted.key, inserted.origin);
+            let when_failed = inserted.when_failed();
             let (turn, reactions) = inserted.step(list, around, &self.landmarks);
             noticed |= reactions.flag;
             if reactions.end_script {
                 self.end_script(list);
             }
             if let Turn::Ends { failed } = turn {
-                self.forget(key, failed);
+                let end = match (reactions.go_on, when_failed) {
+                    (Some(step), _) => StepEnd::GoOn(step),
+                    (None, _) if !failed => StepEnd::Done,
+                    (None, Reaction::Cancel) => StepEnd::Done,
+                    (None, Reaction::GoOn(step)) => StepEnd::GoOn(step),
+                    (None, _) => StepEnd::Failed,
+                };
+                self.forget(key, end);
             }
             // Where there is no room, the behaviour goes on as if nothing were.
             if let Some(step) = reactions.insert
@@ -204,13 +212,13 @@ impl<R: Repertoire> Behaviours<R> {
     }
 
     /// One that has left the list.
-    fn forget(&mut self, key: Key, failed: bool) {
+    fn forget(&mut self, key: Key, end: StepEnd) {
         let is_this = |inserted: &mut Inserted<R>| inserted.key == key;
         for place in &mut self.inserted {
             let _ = place.take_if(is_this);
         }
         if self.script.current == Some(key) {
-            self.script.end_step(failed);
+            self.script.end_step(end);
         }
     }
 
@@ -318,7 +326,7 @@ impl<R: Repertoire> Behaviours<R> {
         if key == Key::IDLE || !list.end(key) {
             return Err(LinkError::NotOnList);
         }
-        self.forget(key, false);
+        self.forget(key, StepEnd::Done);
         let _ = self.remote.take_if(|remote| remote.key() == key);
         Ok(())
     }
@@ -354,7 +362,7 @@ mod tests {
     use crate::behaviours::{GoTo, LifeState, Move, TurnTo};
     use crate::declaration::Params;
     use crate::declaration_of;
-    use esm_link::behaviours::{MAX_WATCHES, Reaction, ScriptState, Situation, Watch};
+    use esm_link::behaviours::{MAX_WATCHES, ScriptState, Situation, Watch};
 
     type Owner = Behaviours;
 
@@ -719,6 +727,80 @@ mod tests {
         assert_eq!(robot.asks(ListCommand::EndScript), Answer::Done);
         let (state, entries) = robot.report();
         assert_eq!((state, entries.len()), (ScriptState::Ended, 0));
+    }
+
+    #[test]
+    fn what_follows_a_step_that_has_failed_is_what_its_situation_says() {
+        for (reaction, state, ended) in [
+            (None, ScriptState::Ended, 0),
+            (Some(Reaction::EndScript), ScriptState::Ended, 0),
+            (Some(Reaction::Cancel), ScriptState::Runs, 1),
+            (Some(Reaction::GoOn(2)), ScriptState::Runs, 2),
+        ] {
+            let mut robot = Robot::new();
+            let mut first = go_to(1.0);
+            first.watches[0] = reaction.map(|reaction| Watch {
+                situation: Situation::Failed,
+                value: 0.0,
+                reaction,
+            });
+            for (index, call) in (0..).zip([first, turn(), go_to(1.0)]) {
+                let step = ListCommand::Step {
+                    script: 3,
+                    index,
+                    call,
+                };
+                assert_eq!(robot.asks(step), Answer::Done);
+            }
+            let run = ListCommand::Run {
+                script: 3,
+                steps: 3,
+                all: 3,
+            };
+            assert_eq!(robot.asks(run), Answer::Done);
+            robot.moves();
+            // A situation of the mission cancels it.
+            let mut list: BehaviourList = robot.bench.output(Owner::LIST).unwrap();
+            assert!(list.end(list.head().unwrap()));
+            robot.bench.give(Owner::LIST, list);
+            robot.moves();
+            let moves = robot.moves();
+            assert_eq!(moves.turn_rad_per_s > 0.0, ended == 1, "{reaction:?}");
+            assert_eq!(moves.forward_m_per_s > 0.0, ended == 2, "{reaction:?}");
+            let Answer::List(report) = robot.asks(ListCommand::Read) else {
+                panic!("no list");
+            };
+            let script = report.script;
+            assert_eq!((script.state, script.ended), (state, ended), "{reaction:?}");
+        }
+    }
+
+    #[test]
+    fn a_step_that_lasts_too_long_ends_and_the_script_goes_on_where_it_says() {
+        let mut robot = Robot::new();
+        let mut first = turn();
+        first.watches[0] = Some(Watch {
+            situation: Situation::Lasts,
+            value: 0.5,
+            reaction: Reaction::GoOn(1),
+        });
+        for (index, call) in (0..).zip([first, go_to(1.0)]) {
+            let step = ListCommand::Step {
+                script: 3,
+                index,
+                call,
+            };
+            assert_eq!(robot.asks(step), Answer::Done);
+        }
+        let run = ListCommand::Run {
+            script: 3,
+            steps: 2,
+            all: 2,
+        };
+        assert_eq!(robot.asks(run), Answer::Done);
+        let turns = (0..100).take_while(|_| robot.moves().forward_m_per_s <= 0.0);
+        let turns = turns.count();
+        assert!((22..=27).contains(&turns), "{turns} activations of 20 ms");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::watches::{Reactions, Watches};
 use crate::declaration::Params;
 use crate::list_command::Call;
 use crate::tasks::{Pose, Ranges, Twist};
-use esm_link::behaviours::Origin;
+use esm_link::behaviours::{Origin, Reaction};
 use esm_link::message::LinkError;
 
 /// What the owner of the list finds in one activation.
@@ -78,6 +78,11 @@ impl<R: Repertoire> Inserted<R> {
         self.watches.has_landmarks()
     }
 
+    /// What is to be done where it has failed.
+    pub(super) fn when_failed(&self) -> Reaction {
+        self.watches.when_failed()
+    }
+
     /// Looks for its situations, takes part in the list, and in its turn says how to move.
     pub(super) fn step(
         &mut self,
@@ -99,7 +104,7 @@ impl<R: Repertoire> Inserted<R> {
             battery_v: around.battery_v,
             period_us: around.period_us,
         };
-        let reactions = self.watches.look(&seen, landmarks);
+        let reactions = (self.watches).look(&seen, landmarks, list.is_held(self.key));
         if reactions.cancel {
             return (self.place.end(list, false), reactions);
         }

@@ -94,6 +94,9 @@ impl Lookout {
             Situation::DoorRight => self.was_passed(landmarks.door_m(Side::Right), seen.period_us),
             Situation::CornerLeft => is_within(landmarks.corner_m(Side::Left), value),
             Situation::CornerRight => is_within(landmarks.corner_m(Side::Right), value),
+            Situation::Lasts => self.lasts(true, seen.period_us),
+            // Whoever executes the behaviour is told by its law.
+            Situation::Failed => false,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::list::Key;
 use crate::list_command::Call;
-use esm_link::behaviours::{MAX_SCRIPT_STEPS, ScriptState, ScriptStatus};
+use esm_link::behaviours::{MAX_SCRIPT_STEPS, Reaction, ScriptState, ScriptStatus};
 use esm_link::message::{Capacity, LinkError};
 
 /// The steps of a script, as far as they are there.
@@ -24,6 +24,17 @@ impl Steps {
         script: 0,
         calls: [None; MAX_SCRIPT_STEPS],
     };
+}
+
+/// How a step has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum StepEnd {
+    /// The next one follows.
+    Done,
+    /// The script ends with it.
+    Failed,
+    /// This one follows, which is a later one.
+    GoOn(u8),
 }
 
 /// The script that runs, and the one whose steps arrive meanwhile.
@@ -96,7 +107,8 @@ impl Script {
     /// insert.
     ///
     /// # Errors
-    /// [`LinkError::NoScript`] where some of them are not there, [`LinkError::CapacityExceeded`]
+    /// [`LinkError::NoScript`] where some of them are not there, [`LinkError::NoSituation`] where
+    /// one goes on with a step that is not a later one, [`LinkError::CapacityExceeded`]
     pub(super) fn run(&mut self, script: u32, steps: u8, all: u8) -> Result<(), LinkError> {
         if usize::from(all) > MAX_SCRIPT_STEPS {
             return Err(too_many(all));
@@ -106,6 +118,13 @@ impl Script {
         let are_there = calls.is_some_and(|calls| calls.iter().all(Option::is_some));
         if !are_there || steps == 0 || steps > all {
             return Err(LinkError::NoScript);
+        }
+        let calls = (0..).zip(calls.into_iter().flatten().flatten());
+        if !calls
+            .into_iter()
+            .all(|(index, call)| leads_on(index, call, steps))
+        {
+            return Err(LinkError::NoSituation);
         }
         self.runs = 1 - self.runs;
         if let Some(before) = self.steps.get_mut(1 - self.runs) {
@@ -134,15 +153,15 @@ impl Script {
     }
 
     /// Its step is over.
-    pub(super) fn end_step(&mut self, failed: bool) {
+    pub(super) fn end_step(&mut self, end: StepEnd) {
         self.current = None;
-        if failed {
-            self.end();
-        } else {
-            self.status.ended += 1;
-            if self.status.ended == self.status.steps && self.is_under_way() {
-                self.status.state = ScriptState::Done;
-            }
+        match end {
+            StepEnd::Failed => self.end(),
+            StepEnd::GoOn(step) => self.status.ended = step,
+            StepEnd::Done => self.status.ended += 1,
+        }
+        if self.status.ended == self.status.steps && self.is_under_way() {
+            self.status.state = ScriptState::Done;
         }
     }
 
@@ -171,6 +190,15 @@ impl Script {
     }
 }
 
+/// Whether a step goes on only with steps behind it, so that each script comes to an end.
+fn leads_on(index: u8, call: &Call, steps: u8) -> bool {
+    let mut watches = call.watches.iter().flatten();
+    watches.all(|watch| match watch.reaction {
+        Reaction::GoOn(step) => index < step && step < steps,
+        _ => true,
+    })
+}
+
 fn too_many(needed: u8) -> LinkError {
     LinkError::CapacityExceeded {
         what: Capacity::ScriptSteps,
@@ -183,6 +211,7 @@ fn too_many(needed: u8) -> LinkError {
 mod tests {
     use super::*;
     use crate::declaration::Params;
+    use esm_link::behaviours::{Situation, Watch};
 
     fn call(task: u64) -> Call {
         Call {
@@ -212,9 +241,9 @@ mod tests {
         assert_eq!(script.next(), Some(call(0)));
         script.current = Some(Key::of_number(5));
         assert_eq!(script.next(), None, "it is on the list");
-        script.end_step(false);
+        script.end_step(StepEnd::Done);
         assert_eq!(script.next(), Some(call(1)));
-        script.end_step(false);
+        script.end_step(StepEnd::Done);
         assert_eq!(
             (script.next(), script.status().state),
             (None, ScriptState::Done)
@@ -252,10 +281,43 @@ mod tests {
         assert_eq!(script.next(), None);
         script.hold(false).unwrap();
         assert_eq!(script.next(), Some(call(0)));
-        script.end_step(true);
+        script.end_step(StepEnd::Failed);
         assert_eq!(script.status().state, ScriptState::Ended);
         assert_eq!(script.next(), None);
         assert_eq!(script.hold(false), Err(LinkError::NoScript));
+    }
+
+    #[test]
+    fn a_script_goes_on_only_with_a_later_step() {
+        let going_on = |from: u8, to: u8| {
+            let mut script = with_steps(5);
+            let mut step = call(from.into());
+            step.watches[1] = Some(Watch {
+                situation: Situation::Failed,
+                value: 0.0,
+                reaction: Reaction::GoOn(to),
+            });
+            script.put(7, from, step).unwrap();
+            let begun = script.run(7, 4, 5);
+            (script, begun)
+        };
+        for (from, to, begun) in [
+            (1, 2, Ok(())),
+            (0, 3, Ok(())),
+            (1, 1, Err(LinkError::NoSituation)),
+            (2, 0, Err(LinkError::NoSituation)),
+            // Behind the last one, and from one that a situation inserts.
+            (1, 4, Err(LinkError::NoSituation)),
+            (4, 3, Err(LinkError::NoSituation)),
+        ] {
+            assert_eq!(going_on(from, to).1, begun, "{from} to {to}");
+        }
+        let (mut script, _) = going_on(0, 3);
+        script.current = Some(Key::of_number(5));
+        script.end_step(StepEnd::GoOn(3));
+        assert_eq!((script.next(), script.status().ended), (Some(call(3)), 3));
+        script.end_step(StepEnd::Done);
+        assert_eq!(script.status().state, ScriptState::Done);
     }
 
     #[test]

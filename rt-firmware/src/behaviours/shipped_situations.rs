@@ -1,7 +1,5 @@
 //! Situations that ship, as tasks of a mission.
 
-use core::fmt;
-
 use super::landmarks::Landmarks;
 use super::list::BehaviourList;
 use super::lookout::{Lookout, Stillness};
@@ -12,51 +10,55 @@ use crate::task::Param;
 use crate::tasks::{Battery, Pose, Ranges};
 use esm_link::behaviours::Situation as Kind;
 
-/// Looks for one of the situations that scripts know, by its number.
-///
-/// Its first parameter is that of the situation.
+/// The parameter of a situation comes first, before `reaction`.
+const VALUE: Param<f32> = Param::at(0);
+
+/// Looks for one of the situations that scripts know, by its number: for any but a landmark.
+#[derive(Debug)]
 pub struct Watcher<const KIND: u8> {
     lookout: Lookout,
     stillness: Stillness,
-    landmarks: Landmarks,
-}
-
-impl<const KIND: u8> Watcher<KIND> {
-    const VALUE: Param<f32> = Param::at(0);
-
-    const SITUATION: Kind = Kind::ALL[KIND as usize];
-}
-
-impl<const KIND: u8> fmt::Debug for Watcher<KIND> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.lookout.fmt(f)
-    }
 }
 
 impl<const KIND: u8> Default for Watcher<KIND> {
     fn default() -> Self {
         Self {
-            lookout: Lookout::new(Self::SITUATION, 0.0),
+            lookout: Lookout::new(Kind::ALL[KIND as usize], 0.0),
             stillness: Stillness::NONE,
-            landmarks: Landmarks::NONE,
         }
     }
 }
 
 impl<const KIND: u8> Situation for Watcher<KIND> {
     fn look(&mut self, seen: &Circumstances<'_>, params: &Params) -> bool {
-        self.lookout.set(params.get(Self::VALUE));
-        if Self::SITUATION.is_landmark() {
-            let Circumstances {
-                pose,
-                ranges,
-                period_us,
-                ..
-            } = seen;
-            self.landmarks.look(pose.as_ref(), *ranges, *period_us);
-        }
+        self.lookout.set(params.get(VALUE));
         let moves = self.stillness.moves(seen);
-        self.lookout.look(seen, &self.landmarks, moves)
+        self.lookout.look(seen, &Landmarks::NONE, moves)
+    }
+}
+
+/// Looks for a landmark, by its number among the situations that scripts know.
+#[derive(Debug)]
+pub struct LandmarkWatcher<const KIND: u8> {
+    lookout: Lookout,
+    landmarks: Landmarks,
+}
+
+impl<const KIND: u8> Default for LandmarkWatcher<KIND> {
+    fn default() -> Self {
+        Self {
+            lookout: Lookout::new(Kind::ALL[KIND as usize], 0.0),
+            landmarks: Landmarks::NONE,
+        }
+    }
+}
+
+impl<const KIND: u8> Situation for LandmarkWatcher<KIND> {
+    fn look(&mut self, seen: &Circumstances<'_>, params: &Params) -> bool {
+        self.lookout.set(params.get(VALUE));
+        let (pose, ranges) = (seen.pose.as_ref(), seen.ranges);
+        self.landmarks.look(pose, ranges, seen.period_us);
+        self.lookout.look(seen, &self.landmarks, true)
     }
 }
 
@@ -117,7 +119,7 @@ situation! {
 
 situation! {
     /// Situation: the robot has passed a door on the left, within the last second.
-    impl DoorLeft watches Watcher<{ Kind::DoorLeft as u8 }> {
+    impl DoorLeft watches LandmarkWatcher<{ Kind::DoorLeft as u8 }> {
         wcet 200 us;
         params {
             /// So wide at least, in metres.
@@ -128,7 +130,7 @@ situation! {
 
 situation! {
     /// Situation: the robot has passed a door on the right, within the last second.
-    impl DoorRight watches Watcher<{ Kind::DoorRight as u8 }> {
+    impl DoorRight watches LandmarkWatcher<{ Kind::DoorRight as u8 }> {
         wcet 200 us;
         params {
             /// So wide at least, in metres.
@@ -139,7 +141,7 @@ situation! {
 
 situation! {
     /// Situation: a wall ahead and one on the left make a corner.
-    impl CornerLeft watches Watcher<{ Kind::CornerLeft as u8 }> {
+    impl CornerLeft watches LandmarkWatcher<{ Kind::CornerLeft as u8 }> {
         wcet 200 us;
         params {
             /// Both nearer than this, in metres.
@@ -150,7 +152,7 @@ situation! {
 
 situation! {
     /// Situation: a wall ahead and one on the right make a corner.
-    impl CornerRight watches Watcher<{ Kind::CornerRight as u8 }> {
+    impl CornerRight watches LandmarkWatcher<{ Kind::CornerRight as u8 }> {
         wcet 200 us;
         params {
             /// Both nearer than this, in metres.

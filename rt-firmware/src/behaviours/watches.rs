@@ -3,7 +3,7 @@
 use super::landmarks::Landmarks;
 use super::lookout::{Lookout, Stillness};
 use super::situation::Circumstances;
-use esm_link::behaviours::{MAX_WATCHES, Reaction, Watch};
+use esm_link::behaviours::{MAX_WATCHES, Reaction, Situation, Watch};
 
 /// What is to be done about what has come up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -18,6 +18,8 @@ pub(super) struct Reactions {
     pub(super) flag: bool,
     /// This step is inserted before it.
     pub(super) insert: Option<u8>,
+    /// The script goes on with this step.
+    pub(super) go_on: Option<u8>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -54,11 +56,26 @@ impl Watches {
         watched.any(|watched| watched.lookout.situation().is_landmark())
     }
 
-    /// Looks for all of them.
-    pub(super) fn look(&mut self, seen: &Circumstances<'_>, landmarks: &Landmarks) -> Reactions {
+    /// What is to be done where the behaviour has failed; by default its script ends.
+    pub(super) fn when_failed(&self) -> Reaction {
+        let mut watched = self.watched.iter().flatten();
+        let of_failed = watched.find(|it| it.lookout.situation() == Situation::Failed);
+        of_failed.map_or(Reaction::EndScript, |watched| watched.reaction)
+    }
+
+    /// Looks for all of them. Nothing lasts while the behaviour is held by hand.
+    pub(super) fn look(
+        &mut self,
+        seen: &Circumstances<'_>,
+        landmarks: &Landmarks,
+        is_held: bool,
+    ) -> Reactions {
         let moves = self.stillness.moves(seen);
         let mut reactions = Reactions::default();
         for watched in self.watched.iter_mut().flatten() {
+            if is_held && watched.lookout.situation() == Situation::Lasts {
+                continue;
+            }
             let was_up = watched.is_up;
             watched.is_up = watched.lookout.look(seen, landmarks, moves);
             if !watched.is_up {
@@ -74,6 +91,7 @@ impl Watches {
                 Reaction::Flag => reactions.flag = true,
                 Reaction::Insert(step) if !was_up => reactions.insert = Some(step),
                 Reaction::Insert(_) => {}
+                Reaction::GoOn(step) => (reactions.cancel, reactions.go_on) = (true, Some(step)),
             }
         }
         reactions
@@ -82,8 +100,6 @@ impl Watches {
 
 #[cfg(test)]
 mod tests {
-    use esm_link::behaviours::Situation;
-
     use super::*;
     use crate::tasks::{Pose, Ranges, Twist};
 
@@ -141,7 +157,7 @@ mod tests {
             (Situation::Near, 0.31, seen(0.0, None), true),
         ] {
             let reactions =
-                watches(situation, value, Reaction::Cancel).look(&seen, &Landmarks::NONE);
+                watches(situation, value, Reaction::Cancel).look(&seen, &Landmarks::NONE, false);
             assert_eq!(reactions.cancel, is_up, "{situation:?} {value} {seen:?}");
         }
     }
@@ -154,7 +170,7 @@ mod tests {
                 asked,
                 ..seen(x_m, None)
             };
-            stuck.look(&seen, &Landmarks::NONE).cancel
+            stuck.look(&seen, &Landmarks::NONE, false).cancel
         };
         // It moves, and then stands although it is to move.
         assert!((0..20).all(|step| !look(step as f32 * 0.02, FORWARDS)));
@@ -178,7 +194,10 @@ mod tests {
             (Some(&free), false),
             (None, false),
         ] {
-            assert_eq!(lost.look(&seen(0.0, ranges), &Landmarks::NONE).flag, is_up);
+            assert_eq!(
+                lost.look(&seen(0.0, ranges), &Landmarks::NONE, false).flag,
+                is_up
+            );
         }
     }
 
@@ -194,10 +213,37 @@ mod tests {
         ] {
             assert_eq!(
                 insert
-                    .look(&seen(0.0, Some(ranges)), &Landmarks::NONE)
+                    .look(&seen(0.0, Some(ranges)), &Landmarks::NONE, false)
                     .insert,
                 expected
             );
+        }
+    }
+
+    #[test]
+    fn what_lasts_for_too_long_is_told_and_time_stands_still_while_it_is_held() {
+        let mut lasts = watches(Situation::Lasts, 0.5, Reaction::GoOn(3));
+        let mut look = |is_held| {
+            lasts
+                .look(&seen(0.0, None), &Landmarks::NONE, is_held)
+                .go_on
+        };
+        assert!((0..4).all(|_| look(false).is_none()));
+        assert!((0..20).all(|_| look(true).is_none()));
+        assert_eq!(look(false), Some(3));
+    }
+
+    #[test]
+    fn what_follows_a_failure_is_what_is_said_of_it() {
+        for (situation, reaction, follows) in [
+            (Situation::Failed, Reaction::Cancel, Reaction::Cancel),
+            (Situation::Failed, Reaction::GoOn(2), Reaction::GoOn(2)),
+            (Situation::Lasts, Reaction::GoOn(2), Reaction::EndScript),
+        ] {
+            let mut watches = watches(situation, 0.0, reaction);
+            assert_eq!(watches.when_failed(), follows);
+            let looked = watches.look(&seen(0.0, None), &Landmarks::NONE, false);
+            assert_eq!(looked.cancel, situation == Situation::Lasts);
         }
     }
 }

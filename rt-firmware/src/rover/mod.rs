@@ -31,11 +31,14 @@ use embedded_hal::pwm::SetDutyCycle;
 
 #[cfg(feature = "all-behaviours")]
 use crate::behaviours::{
-    AlongWall, Approach, CornerLeft, CornerRight, Dock, DoorLeft, DoorRight, FollowCorridor,
-    FollowObject, LowBattery, Near, OutsideRange, PassDoor, SensorLost, Stuck, Wander,
+    AlongWall, Approach, Dock, FollowCorridor, FollowObject, PassDoor, Wander,
 };
 #[cfg(feature = "behaviours")]
 use crate::behaviours::{Behaviours, GoTo, Move, TurnTo};
+#[cfg(feature = "situations")]
+use crate::behaviours::{
+    CornerLeft, CornerRight, DoorLeft, DoorRight, LowBattery, Near, OutsideRange, SensorLost, Stuck,
+};
 #[cfg(feature = "imu")]
 use crate::body::ImuBus;
 use crate::body::{
@@ -395,15 +398,15 @@ registry! {
         approach: Approach[2] if "all-behaviours",
         follow_object: FollowObject[2] if "all-behaviours",
         dock: Dock[1] if "all-behaviours",
-        outside_range: OutsideRange[2] if "all-behaviours",
-        stuck: Stuck[2] if "all-behaviours",
-        sensor_lost: SensorLost[2] if "all-behaviours",
-        low_battery: LowBattery[2] if "all-behaviours",
-        near: Near[2] if "all-behaviours",
-        door_left: DoorLeft[2] if "all-behaviours",
-        door_right: DoorRight[2] if "all-behaviours",
-        corner_left: CornerLeft[2] if "all-behaviours",
-        corner_right: CornerRight[2] if "all-behaviours",
+        outside_range: OutsideRange[1] if "situations",
+        stuck: Stuck[2] if "situations",
+        sensor_lost: SensorLost[1] if "situations",
+        low_battery: LowBattery[1] if "situations",
+        near: Near[2] if "situations",
+        door_left: DoorLeft[2] if "situations",
+        door_right: DoorRight[2] if "situations",
+        corner_left: CornerLeft[1] if "situations",
+        corner_right: CornerRight[1] if "situations",
     }
 }
 
@@ -496,23 +499,23 @@ where
             follow_object: TaskPool::from_fn(FollowObject::default),
             #[cfg(feature = "all-behaviours")]
             dock: TaskPool::from_fn(Dock::default),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
             outside_range: TaskPool::from_fn(OutsideRange::default),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
             stuck: TaskPool::from_fn(Stuck::default),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
             sensor_lost: TaskPool::from_fn(SensorLost::default),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
             low_battery: TaskPool::from_fn(LowBattery::default),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
             near: TaskPool::from_fn(Near::default),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
             door_left: TaskPool::from_fn(DoorLeft::default),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
             door_right: TaskPool::from_fn(DoorRight::default),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
             corner_left: TaskPool::from_fn(CornerLeft::default),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "situations")]
             corner_right: TaskPool::from_fn(CornerRight::default),
         }
     }

@@ -12,25 +12,26 @@ use crate::nearest::nearest;
 const OTHER_NAMES: [(&str, &str); 1] = [("turn", "turn_to")];
 
 /// The words of reactions.
-const REACTIONS: [&str; 5] = ["suspend", "cancel", "end", "flag", "insert"];
+const REACTIONS: [&str; 6] = ["suspend", "cancel", "end", "flag", "insert", "go_on"];
 
 const UNLESS: &str = "unless";
 const ARROW: &str = "->";
+/// Behind the name of a place in a script.
+const COLON: &str = ":";
 
 /// Reads a script, for a firmware with these tasks.
 pub fn read(name: &str, text: &str, tasks: &[Task]) -> Reading {
     let lines = words::lines(text);
-    let mut reader = Reader {
-        tasks,
-        diagnostics: Vec::new(),
-        inserted: Vec::new(),
-        steps: Some(lines.len()),
-    };
+    let mut reader = Reader::new(tasks);
+    let (labels, lines) = reader.labels(&lines);
+    reader.labels = labels;
+    reader.steps = Some(lines.len());
     let mut all = Vec::new();
     let mut last = Span::default();
-    for (line, words) in lines {
+    for (index, (line, words)) in lines.into_iter().enumerate() {
         last = words.first().map_or(last, |word| word.span);
-        if let Some(step) = reader.line(line, &words) {
+        reader.index = index;
+        if let Some(step) = reader.line(line, words) {
             all.push(step);
         }
     }
@@ -59,12 +60,7 @@ pub fn read(name: &str, text: &str, tasks: &[Task]) -> Reading {
 
 /// Reads one behaviour that is to be inserted by itself.
 pub fn read_line(name: &str, text: &str, tasks: &[Task]) -> Reading {
-    let mut reader = Reader {
-        tasks,
-        diagnostics: Vec::new(),
-        inserted: Vec::new(),
-        steps: None,
-    };
+    let mut reader = Reader::new(tasks);
     let lines = words::lines(text);
     let mut script = Script::default();
     match &lines[..] {
@@ -81,7 +77,13 @@ pub fn read_line(name: &str, text: &str, tasks: &[Task]) -> Reading {
     reader.end(name, text, script)
 }
 
-struct Reader<'m> {
+/// A line of a script without its label: its number, and its words.
+type Line<'w, 't> = (u32, &'w [Word<'t>]);
+
+/// A label, and the index of the step that follows it.
+type Label<'t> = (Word<'t>, usize);
+
+struct Reader<'m, 't> {
     tasks: &'m [Task],
     diagnostics: Vec<Diagnostic>,
     /// What situations insert.
@@ -89,6 +91,10 @@ struct Reader<'m> {
     /// How many steps the script has, behind which those are that situations insert; none where
     /// there is no script.
     steps: Option<usize>,
+    /// Places that reactions go on with.
+    labels: Vec<Label<'t>>,
+    /// Which step is read.
+    index: usize,
 }
 
 /// The words of a line from somewhere on.
@@ -132,7 +138,59 @@ struct Given<'t> {
 /// That something is wrong, which was said.
 struct Told;
 
-impl<'m> Reader<'m> {
+impl<'m, 't> Reader<'m, 't> {
+    fn new(tasks: &'m [Task]) -> Self {
+        Self {
+            tasks,
+            diagnostics: Vec::new(),
+            inserted: Vec::new(),
+            steps: None,
+            labels: Vec::new(),
+            index: 0,
+        }
+    }
+
+    /// The labels of a script, and its lines without them. A label stands alone in its line, or
+    /// before a step.
+    fn labels<'w>(
+        &mut self,
+        lines: &'w [(u32, Vec<Word<'t>>)],
+    ) -> (Vec<Label<'t>>, Vec<Line<'w, 't>>) {
+        let mut labels: Vec<Label<'t>> = Vec::new();
+        let mut steps = Vec::new();
+        for (line, words) in lines {
+            let rest = match &words[..] {
+                [label, colon, rest @ ..] if colon.text == COLON => {
+                    let mut earlier = labels.iter().map(|(label, _)| label);
+                    if let Some(first) = earlier.find(|first| first.text == label.text) {
+                        let twice = format!("label `{}` is given twice", label.text);
+                        let found = Diagnostic::new(Code::E003, label.span, twice);
+                        self.say(found.related(first.span, "first here"));
+                    }
+                    labels.push((*label, steps.len()));
+                    rest
+                }
+                words => words,
+            };
+            if !rest.is_empty() {
+                steps.push((*line, rest));
+            }
+        }
+        for (label, step) in &labels {
+            if *step == steps.len() {
+                self.say(
+                    Diagnostic::new(
+                        Code::E001,
+                        label.span,
+                        format!("no step stands behind label `{}`", label.text),
+                    )
+                    .hint("write one, or take the label away"),
+                );
+            }
+        }
+        (labels, steps)
+    }
+
     fn say(&mut self, diagnostic: Diagnostic) {
         self.diagnostics.push(diagnostic);
     }
@@ -254,7 +312,7 @@ impl<'m> Reader<'m> {
     }
 
     /// Parameters as they are written: `name = value`, with commas between.
-    fn given<'t>(&mut self, rest: &mut Rest<'_, 't>) -> Result<Vec<Given<'t>>, Told> {
+    fn given<'g>(&mut self, rest: &mut Rest<'_, 'g>) -> Result<Vec<Given<'g>>, Told> {
         let mut given = Vec::new();
         let ends = |word: Option<Word<'_>>| {
             word.is_none_or(|word| word.text == UNLESS || word.text == ARROW)
@@ -298,6 +356,7 @@ impl<'m> Reader<'m> {
                 Some(near) => found
                     .hint(format!("did you mean `{near}`?"))
                     .fix(Fix::write(given.name.span, near)),
+                None if names.clone().next().is_none() => found.hint("it has none"),
                 None => found.hint(format!("it has {}", names.collect::<Vec<_>>().join(", "))),
             };
             self.say(found);
@@ -422,12 +481,16 @@ impl<'m> Reader<'m> {
         let (name, parameter) = situation.names();
         let given = self.given(rest)?;
         for given in &given {
-            if !self.is_of(given, [parameter].into_iter(), name) {
+            let parameters = [parameter].into_iter().filter(|name| !name.is_empty());
+            if !self.is_of(given, parameters, name) {
                 return Err(Told);
             }
         }
         if !self.are_different(&given) {
             return Err(Told);
+        }
+        if parameter.is_empty() {
+            return self.watch(line, rest, situation, 0.0);
         }
         let Some(given) = given.first() else {
             self.say(
@@ -458,11 +521,81 @@ impl<'m> Reader<'m> {
             ));
             return Err(Told);
         };
+        self.watch(line, rest, situation, value)
+    }
+
+    /// A situation with what is done about it.
+    fn watch(
+        &mut self,
+        line: u32,
+        rest: &mut Rest<'_, '_>,
+        situation: Situation,
+        value: f32,
+    ) -> Result<Watch, Told> {
+        let place = rest.words.get(1).map_or(rest.end, |word| word.span);
+        let reaction = self.reaction(line, rest)?;
+        if !situation.takes(reaction) {
+            let (name, _) = situation.names();
+            self.say(
+                Diagnostic::new(
+                    Code::E009,
+                    place,
+                    format!(
+                        "a behaviour that has `{name}` is over: nothing else can be done with it"
+                    ),
+                )
+                .hint("write cancel, which goes on with the next line, end, or go_on with a label"),
+            );
+            return Err(Told);
+        }
         Ok(Watch {
             situation,
             value,
-            reaction: self.reaction(line, rest)?,
+            reaction,
         })
+    }
+
+    /// The step that a reaction goes on with.
+    fn target(&mut self, rest: &mut Rest<'_, '_>) -> Result<Reaction, Told> {
+        let place = rest.place();
+        let word = rest.next();
+        let label = word.and_then(|word| {
+            let mut labels = self.labels.iter();
+            labels.find(|(label, _)| label.text == word.text)
+        });
+        let found = match (label, word) {
+            (Some((_, step)), _) if *step > self.index => {
+                // A robot has room for fewer, which is said when all are known.
+                let step = (*step).min(MAX_SCRIPT_STEPS - 1) as u8;
+                return Ok(Reaction::GoOn(step));
+            }
+            (Some((label, _)), _) => Diagnostic::new(
+                Code::E009,
+                place,
+                format!(
+                    "`{}` is not behind this line, and a script goes on only with what is",
+                    label.text
+                ),
+            )
+            .related(label.span, "it is here"),
+            (None, None) => Diagnostic::new(Code::E001, place, "a label is missing here")
+                .hint("write `NAME:` before the line that it is to go on with, and its name here"),
+            (None, Some(word)) => {
+                let found = Diagnostic::new(
+                    Code::E002,
+                    place,
+                    format!("this script has no label `{}`", word.text),
+                );
+                match nearest(word.text, self.labels.iter().map(|(label, _)| label.text)) {
+                    Some(near) => found
+                        .hint(format!("did you mean `{near}`?"))
+                        .fix(Fix::write(place, near)),
+                    None => found.hint("write it with a colon before the line that is to follow"),
+                }
+            }
+        };
+        self.say(found);
+        Err(Told)
     }
 
     fn reaction(&mut self, line: u32, rest: &mut Rest<'_, '_>) -> Result<Reaction, Told> {
@@ -481,6 +614,14 @@ impl<'m> Reader<'m> {
             Some("cancel") => Reaction::Cancel,
             Some("end") => Reaction::EndScript,
             Some("flag") => Reaction::Flag,
+            Some("go_on") if self.steps.is_none() => {
+                self.say(
+                    Diagnostic::new(Code::E001, place, "only a script can go on elsewhere")
+                        .hint("write it into a file, and `esm script run` it"),
+                );
+                return Err(Told);
+            }
+            Some("go_on") => self.target(rest)?,
             Some("insert") if self.steps.is_none() => {
                 self.say(
                     Diagnostic::new(Code::E001, place, "only a script can insert a behaviour")

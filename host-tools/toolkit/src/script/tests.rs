@@ -132,7 +132,7 @@ fn a_mistake_has_a_place_a_cause_and_a_fix() {
         ),
         (
             "turn unless near range_m = 1",
-            ("E001", 1, 29, "suspend, cancel, end, flag, insert"),
+            ("E001", 1, 29, "suspend, cancel, end, flag, insert, go_on"),
         ),
         (
             "turn unless near range_m = 1 ->",
@@ -146,6 +146,32 @@ fn a_mistake_has_a_place_a_cause_and_a_fix() {
             "turn unless near range_m = 1 -> insert",
             ("E001", 1, 39, "a behaviour is missing"),
         ),
+        (
+            "turn unless failed after_s = 1 -> cancel",
+            ("E002", 1, 20, "it has none"),
+        ),
+        (
+            "turn unless failed -> suspend",
+            ("E009", 1, 23, "go_on with a label"),
+        ),
+        (
+            "turn unless failed -> go_on",
+            ("E001", 1, 28, "a label is missing"),
+        ),
+        (
+            "turn unless failed -> go_on hom\nhome: turn",
+            ("E002", 1, 29, "did you mean `home`?"),
+        ),
+        (
+            "home: turn\nturn unless failed -> go_on home",
+            ("E009", 2, 29, "is not behind this line"),
+        ),
+        (
+            "a: turn unless failed -> go_on a",
+            ("E009", 1, 32, "is not behind this line"),
+        ),
+        ("a: turn\na: turn", ("E003", 2, 1, "given twice")),
+        ("turn\na:", ("E001", 2, 1, "no step stands behind")),
         ("", ("E001", 1, 1, "no step")),
         ("// nothing", ("E001", 1, 1, "no step")),
         ("\u{1}", ("E002", 1, 1, "no behaviour")),
@@ -163,6 +189,39 @@ fn a_mistake_has_a_place_a_cause_and_a_fix() {
         );
         assert!(message.contains(part), "{text}: {message}");
     }
+}
+
+#[test]
+fn a_script_goes_on_with_a_step_behind_a_label() {
+    let script = script(
+        "turn unless failed -> go_on home unless lasts after_s = 20 -> go_on last\n\
+         go_to x_m = 1 unless stuck after_s = 1 -> insert turn\n\
+         home: // where it began\n\
+         go_to x_m = 0\n\
+         last: turn unless failed -> cancel\n",
+    );
+    assert_eq!((script.steps, script.all.len()), (4, 5));
+    let watch = |situation, value, reaction| Watch {
+        situation,
+        value,
+        reaction,
+    };
+    let watches = |step: usize| script.all[step].watches().collect::<Vec<_>>();
+    assert_eq!(
+        watches(0),
+        [
+            watch(Situation::Failed, 0.0, Reaction::GoOn(2)),
+            watch(Situation::Lasts, 20.0, Reaction::GoOn(3)),
+        ]
+    );
+    assert_eq!(
+        watches(1),
+        [watch(Situation::Stuck, 1.0, Reaction::Insert(4))]
+    );
+    assert_eq!(
+        watches(3),
+        [watch(Situation::Failed, 0.0, Reaction::Cancel)]
+    );
 }
 
 #[test]
@@ -214,6 +273,7 @@ fn one_line_is_one_behaviour() {
         "",
         "turn\nturn",
         "turn unless near range_m = 1 -> insert turn",
+        "turn unless failed -> go_on a",
     ] {
         assert_eq!(read_line("argument", text, &tasks).script, None, "{text}");
     }
