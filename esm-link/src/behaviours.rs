@@ -165,7 +165,8 @@ pub enum Reaction {
 const INSERT: u8 = 16;
 
 impl Reaction {
-    const fn number(self) -> u8 {
+    /// Its number on the link.
+    pub const fn number(self) -> u8 {
         match self {
             Self::Suspend => 0,
             Self::Cancel => 1,
@@ -175,7 +176,8 @@ impl Reaction {
         }
     }
 
-    fn of_number(number: u8) -> Option<Self> {
+    /// The reaction of this number.
+    pub fn of_number(number: u8) -> Option<Self> {
         Some(match number {
             0 => Self::Suspend,
             1 => Self::Cancel,

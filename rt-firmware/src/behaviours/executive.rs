@@ -1,19 +1,22 @@
 //! The owner of the list of behaviours.
 
 use super::inserted::{Inserted, Surroundings};
-use super::list::{BehaviourList, Key, MAX_BEHAVIOURS};
+use super::list::{BehaviourList, Key, MAX_BEHAVIOURS, Watched};
 use super::place::Turn;
 use super::remote_control::RemoteControl;
 use super::repertoire::Repertoire;
 use super::script::Script;
 use super::shipped::ShippedLaws;
+use super::told::{ToldList, pose_events};
 use crate::list_command::{Answer, Call, ListCommand, MAX_ENTRIES, Report};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 use crate::tasks::{Battery, Pose, Ranges, Twist};
-use esm_link::behaviours::{ListEntry, Origin};
+use esm_link::behaviours::{ListEntry, MAX_WATCHES, Origin, Reaction, Situation};
+use esm_link::black_box::{Event, PoseFrame, SAFETY_CHECK};
 use esm_link::message::LinkError;
+use heapless::Vec;
 
 const _: () = assert!(MAX_ENTRIES == MAX_BEHAVIOURS + 1);
 
@@ -25,6 +28,7 @@ pub struct Behaviours<R = ShippedLaws> {
     inserted: [Option<Inserted<R>>; MAX_BEHAVIOURS],
     remote: Option<RemoteControl>,
     script: Script,
+    told: ToldList,
 }
 
 impl<R> Default for Behaviours<R> {
@@ -33,6 +37,7 @@ impl<R> Default for Behaviours<R> {
             inserted: [const { None }; MAX_BEHAVIOURS],
             remote: None,
             script: Script::default(),
+            told: ToldList::default(),
         }
     }
 }
@@ -73,6 +78,27 @@ task! {
     }
 }
 
+/// Situations that came up in one activation.
+const MAX_CAME_UP: usize = MAX_BEHAVIOURS * MAX_WATCHES + 2;
+
+struct CameUp(Vec<Event, MAX_CAME_UP>);
+
+impl CameUp {
+    const fn new() -> Self {
+        Self(Vec::new())
+    }
+
+    /// One more. There is room for all that can.
+    fn note(&mut self, key: Key, task: u16, situation: u8, reaction: Reaction) {
+        let _ = self.0.push(Event::Situation {
+            key: key.number(),
+            task,
+            situation,
+            reaction: reaction.number(),
+        });
+    }
+}
+
 impl<R: Repertoire> Task for Behaviours<R> {
     fn reset(&mut self) {
         self.forget_all();
@@ -99,14 +125,37 @@ impl<R: Repertoire> Task for Behaviours<R> {
             return Step::Run;
         };
         let answer = command.map(|command| self.carry_out(&command, list, &around));
-        let noticed = self.execute(list, &around);
+        let mut came_up = CameUp::new();
+        let noticed = self.execute(list, &around, &mut came_up);
+        for (key, watched) in list.take_came_up().into_iter().flatten() {
+            // Of one that came and went in this activation nothing is told.
+            let Some(task) = list.task(key).or_else(|| self.told.task(key)) else {
+                continue;
+            };
+            let (situation, reaction) = match watched {
+                Watched::SafetyCheck => (SAFETY_CHECK, Reaction::Suspend),
+                Watched::OutsideRange => (Situation::OutsideRange as u8, Reaction::Cancel),
+            };
+            came_up.note(key, task, situation, reaction);
+        }
         let twist = list.take_asked();
         list.look();
+        let changes = self.told.changes(list);
         let is_idle = list.is_empty() || list.head() == Some(Key::IDLE);
         if let Some(answer) = answer {
             io.answer_list_command(answer);
         }
         *io.write(Self::TWIST) = twist;
+        // First why, then what has changed, then where.
+        let happened = came_up.0.iter().chain(&changes);
+        happened.for_each(|event| io.note(*event));
+        if let Some(pose) = around
+            .pose
+            .filter(|_| !came_up.0.is_empty() || !changes.is_empty())
+        {
+            let events = pose_events(&pose, PoseFrame::Counted);
+            events.into_iter().for_each(|event| io.note(event));
+        }
         io.set(Self::IDLE, is_idle);
         io.set(Self::NOTICED, noticed);
         io.set(Self::REMOTE, self.remote.is_some());
@@ -123,11 +172,17 @@ impl<R: Repertoire> Behaviours<R> {
         }
         self.remote = None;
         self.script.forget_all();
+        self.told.forget();
     }
 
     /// Lets all execute that no task state has inserted. Whether a situation is up that is to be
     /// noticed.
-    fn execute(&mut self, list: &mut BehaviourList, around: &Surroundings<'_>) -> bool {
+    fn execute(
+        &mut self,
+        list: &mut BehaviourList,
+        around: &Surroundings<'_>,
+        came_up: &mut CameUp,
+    ) -> bool {
         let remote = self.remote.take();
         self.remote = remote.filter(|remote| remote.step(list, around));
         let mut noticed = false;
@@ -135,8 +190,11 @@ impl<R: Repertoire> Behaviours<R> {
             let Some(Some(inserted)) = self.inserted.get_mut(place) else {
                 continue;
             };
-            let (key, origin) = (inserted.key, inserted.origin);
+            let (key, origin, task) = (inserted.key, inserted.origin, inserted.task);
             let (turn, reactions) = inserted.step(list, around);
+            for watch in reactions.came_up.into_iter().flatten() {
+                came_up.note(key, task, watch.situation as u8, watch.reaction);
+            }
             noticed |= reactions.flag;
             if reactions.end_script {
                 self.end_script(list);

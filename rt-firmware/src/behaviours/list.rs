@@ -36,6 +36,21 @@ impl Key {
     }
 }
 
+/// One of the two situations that are watched beside each behaviour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Watched {
+    /// The way is not free.
+    SafetyCheck,
+    /// It is too far from where it began.
+    OutsideRange,
+}
+
+/// A situation that came up beside the behaviour of this key.
+pub(super) type CameUp = (Key, Watched);
+
+/// Those that are known of one activation: who executes is suspended, or ends, and so may the next.
+const CAME_UP: usize = 2;
+
 /// The list has no room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ListFull;
@@ -63,6 +78,8 @@ pub struct BehaviourList {
     last_key: u16,
     /// What the behaviour that executes asks for, until it is taken.
     asked: Option<Twist>,
+    /// Situations that came up beside a behaviour, since this was taken.
+    came_up: [Option<CameUp>; CAME_UP],
     /// Which way round the robot drives, whoever executes.
     pub(super) way_round: WayRound,
 }
@@ -80,6 +97,7 @@ impl BehaviourList {
         len: 0,
         last_key: 0,
         asked: None,
+        came_up: [None; CAME_UP],
         way_round: WayRound::FORWARDS,
     };
 
@@ -241,6 +259,24 @@ impl BehaviourList {
             }
         }
         self.dispatch();
+    }
+
+    /// A situation came up beside a behaviour.
+    pub(super) fn come_up(&mut self, came_up: CameUp) {
+        if let Some(room) = self.came_up.iter_mut().find(|place| place.is_none()) {
+            *room = Some(came_up);
+        }
+    }
+
+    /// The situations that came up since the last call.
+    pub(super) fn take_came_up(&mut self) -> [Option<CameUp>; CAME_UP] {
+        core::mem::take(&mut self.came_up)
+    }
+
+    /// The lower half of the signature hash of a behaviour's task, if it is on the list.
+    pub(super) fn task(&self, key: Key) -> Option<u16> {
+        let place = self.place(key)?;
+        self.present().get(place).map(|entry| entry.task)
     }
 
     /// The behaviour that executes asks for a movement.
@@ -409,9 +445,9 @@ mod tests {
     #[test]
     fn a_list_is_as_small_as_the_book_says() {
         let bytes = if cfg!(feature = "all-behaviours") {
-            100
+            108
         } else {
-            88
+            96
         };
         assert_eq!(size_of::<BehaviourList>(), bytes);
     }

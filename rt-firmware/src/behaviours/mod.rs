@@ -69,6 +69,7 @@ mod runner;
 mod script;
 mod shipped;
 pub mod situation;
+pub(crate) mod told;
 mod turn_rate;
 mod turn_to;
 mod wander;

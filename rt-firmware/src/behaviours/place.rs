@@ -2,7 +2,7 @@
 
 use super::law::{Behaviour, Control, Scene};
 use super::life_cycle::LifeState;
-use super::list::{BehaviourList, Key};
+use super::list::{BehaviourList, Key, Watched};
 use super::situation::{OutsideRange, SafetyCheck, Situation};
 use crate::declaration::Params;
 use crate::odometry::LocalFrame;
@@ -249,15 +249,26 @@ impl Place {
         };
         let twist = self.asked;
         if outside.look(pose, &twist, around.ranges).is_some() {
+            self.notes(list, Watched::OutsideRange);
             return self.end(list, false);
         }
         if self.is_barred || !SafetyCheck::is_free_but(clearance_m, &twist, around.ranges) {
+            if !self.is_barred {
+                self.notes(list, Watched::SafetyCheck);
+            }
             self.free_us = 0;
             list.idle();
             return Turn::Goes { suspended: true };
         }
         list.ask(list.way_round.twist(twist));
         Turn::Goes { suspended: false }
+    }
+
+    /// Notes that a situation has come up.
+    fn notes(&self, list: &mut BehaviourList, watched: Watched) {
+        if let Some(key) = self.key {
+            list.come_up((key, watched));
+        }
     }
 
     /// Leaves the list.

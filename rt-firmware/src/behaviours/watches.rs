@@ -25,7 +25,7 @@ pub(super) struct Seen<'a> {
 }
 
 /// What is to be done about what has come up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Reactions {
     /// The behaviour is suspended while it lasts.
     pub(super) suspend: bool,
@@ -37,6 +37,8 @@ pub(super) struct Reactions {
     pub(super) flag: bool,
     /// This step is inserted before it.
     pub(super) insert: Option<u8>,
+    /// Those that were not up before.
+    pub(super) came_up: [Option<Watch>; MAX_WATCHES],
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -73,9 +75,12 @@ impl Watches {
     pub(super) fn look(&mut self, seen: &Seen<'_>) -> Reactions {
         let moves = self.moves(seen);
         let mut reactions = Reactions::default();
-        for watched in self.watched.iter_mut().flatten() {
+        let watches = self.watched.iter_mut().zip(&mut reactions.came_up);
+        for (watched, came_up) in watches {
+            let Some(watched) = watched else { continue };
             let was_up = watched.is_up;
             watched.look(seen, moves);
+            *came_up = Some(watched.watch).filter(|_| watched.is_up && !was_up);
             if watched.is_up {
                 match watched.watch.reaction {
                     Reaction::Suspend => reactions.suspend = true,
