@@ -16,7 +16,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
-use crate::features::BEHAVIOURS;
+use crate::features::NOTES;
 use esm_link::black_box::{Event, Record};
 
 /// Whether this firmware keeps records at all.
@@ -27,9 +27,9 @@ pub const TRANSITIONS: usize = if KEEPS_RECORDS { 24 } else { 0 };
 /// Records of all other kinds that are kept.
 pub const EVENTS: usize = if KEEPS_RECORDS { 24 } else { 0 };
 
-/// Records about behaviours that are kept, in a firmware that has some: of sixteen changes, each
+/// Records about behaviours that are kept, in a firmware that has some: of eight changes, each
 /// with the two of a pose.
-pub const BEHAVIOUR_RECORDS: usize = if KEEPS_RECORDS && BEHAVIOURS { 48 } else { 0 };
+pub const BEHAVIOUR_RECORDS: usize = if KEEPS_RECORDS && NOTES { 24 } else { 0 };
 
 /// Words of a record in RAM: sequence number; time, its low half; time, 16 more bits, kind and the
 /// small value; the large value; checksum.
@@ -230,7 +230,7 @@ impl BlackBox {
         };
         match event {
             Event::Transition { .. } => self.transitions.write(record),
-            _ if BEHAVIOURS && event.is_about_behaviours() => self.behaviours.write(record),
+            _ if NOTES && event.is_about_behaviours() => self.behaviours.write(record),
             _ => self.events.write(record),
         }
     }
@@ -388,9 +388,9 @@ mod tests {
             black_box.record(at_us, EXAMPLES[7]);
         }
         let read = all(&black_box);
-        let kept = BEHAVIOUR_RECORDS.max(EVENTS * usize::from(!BEHAVIOURS));
-        assert_eq!(read.len(), kept + 1 + usize::from(BEHAVIOURS));
-        assert_eq!(read[0].event == stopped, BEHAVIOURS);
+        let kept = BEHAVIOUR_RECORDS.max(EVENTS * usize::from(!NOTES));
+        assert_eq!(read.len(), kept + 1 + usize::from(NOTES));
+        assert_eq!(read[0].event == stopped, NOTES);
     }
 
     proptest! {

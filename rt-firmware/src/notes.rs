@@ -2,21 +2,22 @@
 
 use heapless::Vec;
 
-use crate::features::BEHAVIOURS;
+use crate::features::NOTES;
 use esm_link::black_box::Event;
 
-/// How much a task can note in one execution: what the owner of the list of behaviours does at
-/// most, which is four changes of the list, the two situations that behaviours have beside them,
-/// three situations of each of eight, and where the robot is, which takes two.
-pub(crate) const MAX_NOTES: usize = 4 + 2 + 3 * 8 + 2;
+/// How much a task can note in one execution: the owner of the list of behaviours notes at most
+/// nine situations, four changes of the list, and where the robot is, which takes two. Of more
+/// situations that come up at once the last are not told.
+pub(crate) const MAX_NOTES: usize = 9 + 4 + 2;
 
-/// What a task has noted in its last execution. A firmware without behaviours has no room for it.
+/// What a task has noted in its last execution. A firmware that tells nothing of behaviours
+/// has no room for it.
 #[derive(Debug)]
-pub(crate) struct Notes([Vec<Event, MAX_NOTES>; BEHAVIOURS as usize]);
+pub(crate) struct Notes([Vec<Event, MAX_NOTES>; NOTES as usize]);
 
 impl Notes {
     /// Nothing.
-    pub(crate) const EMPTY: Self = Self([const { Vec::new() }; BEHAVIOURS as usize]);
+    pub(crate) const EMPTY: Self = Self([const { Vec::new() }; NOTES as usize]);
 
     /// One more. False where there is no room.
     pub(crate) fn push(&mut self, event: Event) -> bool {

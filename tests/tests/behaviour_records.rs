@@ -49,7 +49,7 @@ fn a_guard_that_somebody_steps_before_is_told_of_equally_on_both_boards() {
 
 #[test]
 fn the_black_box_has_behaviours_by_name_and_where_the_robot_was() {
-    let robot = Robot::start_with("host", None, &["--world", "visitors"]);
+    let robot = Robot::start_with("host", None, &["--world", "empty"]);
     robot.give(&root().join("missions/guard.esm"));
     std::thread::sleep(Duration::from_secs(6));
     robot

@@ -8,12 +8,13 @@ use super::repertoire::Repertoire;
 use super::script::Script;
 use super::shipped::ShippedLaws;
 use super::told::{ToldList, pose_events};
+use crate::features::NOTES;
 use crate::list_command::{Answer, Call, ListCommand, MAX_ENTRIES, Report};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 use crate::tasks::{Battery, Pose, Ranges, Twist};
-use esm_link::behaviours::{ListEntry, MAX_WATCHES, Origin, Reaction, Situation};
+use esm_link::behaviours::{ListEntry, Origin, Reaction, Situation};
 use esm_link::black_box::{Event, PoseFrame, SAFETY_CHECK};
 use esm_link::message::LinkError;
 use heapless::Vec;
@@ -78,8 +79,8 @@ task! {
     }
 }
 
-/// Situations that came up in one activation.
-const MAX_CAME_UP: usize = MAX_BEHAVIOURS * MAX_WATCHES + 2;
+/// Situations that are told of one activation: one for each behaviour, and one that each has.
+const MAX_CAME_UP: usize = MAX_BEHAVIOURS + 1;
 
 struct CameUp(Vec<Event, MAX_CAME_UP>);
 
@@ -88,7 +89,7 @@ impl CameUp {
         Self(Vec::new())
     }
 
-    /// One more. There is room for all that can.
+    /// One more, if there is room.
     fn note(&mut self, key: Key, task: u16, situation: u8, reaction: Reaction) {
         let _ = self.0.push(Event::Situation {
             key: key.number(),
@@ -140,7 +141,11 @@ impl<R: Repertoire> Task for Behaviours<R> {
         }
         let twist = list.take_asked();
         list.look();
-        let changes = self.told.changes(list);
+        let changes = if NOTES {
+            self.told.changes(list)
+        } else {
+            Vec::new()
+        };
         let is_idle = list.is_empty() || list.head() == Some(Key::IDLE);
         if let Some(answer) = answer {
             io.answer_list_command(answer);

@@ -14,7 +14,7 @@ use super::observers::Observers;
 use super::slots::SlotEntry;
 use super::tasks::{self, Lists, NO_GROUP, NONE, TaskActivity, TaskEntry, TaskTable};
 use crate::board::{Board, ticks_between};
-use crate::features::BEHAVIOURS;
+use crate::features::NOTES;
 use crate::list_command::CommandBox;
 use crate::notes::MAX_NOTES;
 use crate::ports::{BackgroundRun, Executor, Registry, StepOutput};
@@ -369,7 +369,7 @@ impl<'q, 'm> Execution<'q, 'm> {
         if let Some(said) = self.executor.end_step(&record.binding) {
             mission.apply_flags(&record.places, said.flags);
             self.take_in(instance, said);
-            if BEHAVIOURS && !self.executor.notes().is_empty() {
+            if NOTES && !self.executor.notes().is_empty() {
                 self.tell_notes(observers);
             }
         }
