@@ -224,7 +224,8 @@ const INSERT: u8 = 16;
 const GO_ON: u8 = 32;
 
 impl Reaction {
-    const fn number(self) -> u8 {
+    /// Its number on the link.
+    pub const fn number(self) -> u8 {
         match self {
             Self::Suspend => 0,
             Self::Cancel => 1,
@@ -235,7 +236,17 @@ impl Reaction {
         }
     }
 
-    fn of_number(number: u8) -> Option<Self> {
+    /// What it does, without the step of a script: its number in the flight recorder.
+    pub const fn kind(self) -> u8 {
+        match self {
+            Self::Insert(_) => 4,
+            Self::GoOn(_) => 5,
+            other => other.number(),
+        }
+    }
+
+    /// The reaction of this number.
+    pub fn of_number(number: u8) -> Option<Self> {
         Some(match number {
             0 => Self::Suspend,
             1 => Self::Cancel,

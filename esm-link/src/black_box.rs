@@ -1,6 +1,7 @@
 //! Records of the black box, as a robot sends them with
 //! [`Response::BlackBox`](crate::message::Response::BlackBox).
 
+use crate::behaviours::Situation;
 use crate::message::{Mode, ResetReason};
 
 /// Bytes of a record as the link carries it.
@@ -47,6 +48,65 @@ pub enum Event {
         /// How many.
         count: u32,
     },
+    /// A behaviour came onto the list, changed its state there, or left it.
+    Behaviour {
+        /// Its key on the list.
+        key: u16,
+        /// The lower half of the hash of its task's signature; 0 of IDLE and REMOTE_CONTROL.
+        task: u16,
+        /// Its state before, as the book numbers them; none where it was not on the list.
+        from: Option<u8>,
+        /// Its state since; none where it is not on the list any more.
+        to: Option<u8>,
+    },
+    /// A situation came up beside a behaviour.
+    Situation {
+        /// The behaviour's key on the list.
+        key: u16,
+        /// As above.
+        task: u16,
+        /// The number of a [`Situation`](crate::behaviours::Situation), [`SAFETY_CHECK`] or
+        /// [`OWN_SITUATION`].
+        situation: u8,
+        /// What was done: [`Reaction::kind`](crate::behaviours::Reaction::kind).
+        reaction: u8,
+    },
+    /// Where the robot is, first half.
+    PoseX {
+        /// x in millimetres: 24 bits, which is 8 km.
+        x_mm: i32,
+        /// Its heading in thousandths of a radian.
+        heading_mrad: i16,
+    },
+    /// Second half.
+    PoseY {
+        /// y in millimetres, as above.
+        y_mm: i32,
+        /// In which frame.
+        frame: PoseFrame,
+    },
+    /// The robot was told where it is. Where it is since comes next.
+    Corrected {
+        /// It was told how far it is from where it believed itself to be, not where.
+        is_difference: bool,
+        /// That was no number, or beyond its bounds: nothing has changed.
+        is_refused: bool,
+    },
+}
+
+/// The situation SAFETY_CHECK: in four bits, the number behind all others.
+pub const SAFETY_CHECK: u8 = 15;
+/// A situation of the firmware's own, which no script names.
+pub const OWN_SITUATION: u8 = 14;
+const _: () = assert!(Situation::ALL.len() <= OWN_SITUATION as usize);
+
+/// The frame that a pose is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PoseFrame {
+    /// That in which odometry counts.
+    Counted = 0,
+    /// That in which the robot is told where it is.
+    Global = 1,
 }
 
 /// An event, when it was, and its place among all.
@@ -68,9 +128,40 @@ mod kind {
     pub const MODE: u8 = 5;
     pub const OVERRUN: u8 = 6;
     pub const DEADLINE_MISS: u8 = 7;
+    pub const BEHAVIOUR: u8 = 8;
+    pub const SITUATION: u8 = 9;
+    pub const POSE_X: u8 = 10;
+    pub const POSE_Y: u8 = 11;
+    pub const CORRECTED: u8 = 12;
+}
+
+/// No state, in the four bits of one.
+const NO_STATE: u8 = 15;
+
+/// The low 16 bits of 24, and the rest of them.
+const fn split(value: i32) -> (u16, u8) {
+    (value as u16, (value >> 16) as u8)
+}
+
+/// What was [`split`].
+const fn joined(low: u16, high: u8) -> i32 {
+    (high.cast_signed() as i32) << 16 | low as i32
 }
 
 impl Event {
+    /// Whether it is about behaviours and where the robot is, of which there may be many.
+    #[inline(always)]
+    pub const fn is_about_behaviours(self) -> bool {
+        matches!(
+            self,
+            Event::Behaviour { .. }
+                | Event::Situation { .. }
+                | Event::PoseX { .. }
+                | Event::PoseY { .. }
+                | Event::Corrected { .. }
+        )
+    }
+
     /// Kind, small and large value.
     #[inline(always)]
     pub fn pack(self) -> (u8, u8, u32) {
@@ -89,6 +180,45 @@ impl Event {
                 took_us,
             } => (kind::OVERRUN, 0, pair(task_instance, took_us)),
             Event::DeadlineMiss { slot, count } => (kind::DEADLINE_MISS, slot, count),
+            Event::Behaviour {
+                key,
+                task,
+                from,
+                to,
+            } => {
+                let state = |state: Option<u8>| state.unwrap_or(NO_STATE) & 15;
+                (
+                    kind::BEHAVIOUR,
+                    state(from) << 4 | state(to),
+                    pair(key, task),
+                )
+            }
+            Event::Situation {
+                key,
+                task,
+                situation,
+                reaction,
+            } => (
+                kind::SITUATION,
+                situation << 4 | reaction & 15,
+                pair(key, task),
+            ),
+            Event::PoseX { x_mm, heading_mrad } => {
+                let (low, high) = split(x_mm);
+                (kind::POSE_X, high, pair(low, heading_mrad.cast_unsigned()))
+            }
+            Event::PoseY { y_mm, frame } => {
+                let (low, high) = split(y_mm);
+                (kind::POSE_Y, high, pair(low, frame as u16))
+            }
+            Event::Corrected {
+                is_difference,
+                is_refused,
+            } => (
+                kind::CORRECTED,
+                u8::from(is_difference) | u8::from(is_refused) << 1,
+                0,
+            ),
         }
     }
 
@@ -114,6 +244,37 @@ impl Event {
             kind::DEADLINE_MISS => Event::DeadlineMiss {
                 slot: small,
                 count: large,
+            },
+            kind::BEHAVIOUR => {
+                let state = |bits: u8| (bits != NO_STATE).then_some(bits);
+                Event::Behaviour {
+                    key: high,
+                    task: low,
+                    from: state(small >> 4),
+                    to: state(small & 15),
+                }
+            }
+            kind::SITUATION => Event::Situation {
+                key: high,
+                task: low,
+                situation: small >> 4,
+                reaction: small & 15,
+            },
+            kind::POSE_X => Event::PoseX {
+                x_mm: joined(high, small),
+                heading_mrad: low.cast_signed(),
+            },
+            kind::POSE_Y => Event::PoseY {
+                y_mm: joined(high, small),
+                frame: match low {
+                    0 => PoseFrame::Counted,
+                    1 => PoseFrame::Global,
+                    _ => return None,
+                },
+            },
+            kind::CORRECTED => Event::Corrected {
+                is_difference: small & 1 != 0,
+                is_refused: small & 2 != 0,
             },
             _ => return None,
         })

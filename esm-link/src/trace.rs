@@ -6,6 +6,8 @@
 //! length; the indices in them grow and are written as differences from the one before. A step in
 //! which nothing happened, as most are, takes two bytes.
 
+use crate::black_box::Event;
+
 /// Something that happened.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TraceEvent<'a> {
@@ -92,6 +94,8 @@ pub enum TraceEvent<'a> {
         /// The number of a [`FallBackReason`](crate::trial::FallBackReason).
         reason: u8,
     },
+    /// A task noted something, as the flight recorder keeps it.
+    Noted(Event),
 }
 
 /// Why motors are off after an emergency stop, beside the numbers of reasons.
@@ -200,6 +204,7 @@ mod kind {
     pub const DEADLINE_MISS: u8 = 8;
     pub const MOTORS_OFF: u8 = 9;
     pub const FELL_BACK: u8 = 10;
+    pub const NOTED: u8 = 11;
 }
 
 /// Where the bytes of a record go.
@@ -329,6 +334,15 @@ impl<'a> TraceEvent<'a> {
                 }
                 sink.put(reason);
             }
+            TraceEvent::Noted(event) => {
+                let (kind, small, large) = event.pack();
+                sink.put(kind::NOTED);
+                sink.put(kind);
+                sink.put(small);
+                for byte in large.to_le_bytes() {
+                    sink.put(byte);
+                }
+            }
         }
     }
 
@@ -392,6 +406,11 @@ impl<'a> TraceEvent<'a> {
                 mission: hash(bytes)?,
                 reason: byte(bytes)?,
             },
+            kind::NOTED => {
+                let (kind, small) = (byte(bytes)?, byte(bytes)?);
+                let event = Event::unpack(kind, small, hash(bytes)?);
+                TraceEvent::Noted(event.ok_or(TraceError::Unknown)?)
+            }
             _ => return Err(TraceError::Unknown),
         })
     }

@@ -9,8 +9,8 @@
 pub mod cli;
 
 pub use esm_client::{
-    bench, black_box, files, flashing, host_board, keys, link_client, lockstep, nearby, ports,
-    qemu, reading, run, serial, time, trial, values,
+    behaviour_words, bench, black_box, files, flashing, host_board, keys, link_client, lockstep,
+    nearby, ports, qemu, reading, run, serial, time, trial, values,
 };
 pub use esm_toolkit::{
     boards, bound, clean, compile, counters, diagram, fit, goal, inspect, language_server, model,

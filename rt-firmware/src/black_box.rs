@@ -1,8 +1,9 @@
 //! The black box: what happened last, in RAM that survives a reset.
 //!
-//! Records stand in two rings, so that a machine that changes its state in each macro step does not
-//! wash away why the robot stopped: one ring for transitions, one for all else. A record has a
-//! sequence number, which orders the records of both, and a checksum over all of it: one that a
+//! Records stand in three rings, so that a machine that changes its state in each macro step does
+//! not wash away why the robot stopped: one ring for transitions, one for what is about behaviours,
+//! one for all else. A record has a
+//! sequence number, which orders the records of all, and a checksum over all of it: one that a
 //! reset tore, or that power-on left, is none.
 //!
 //! There is one writer at a time: the real-time side while the robot runs, and whoever ends the
@@ -15,6 +16,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
+use crate::features::NOTES;
 use esm_link::black_box::{Event, Record};
 
 /// Whether this firmware keeps records at all.
@@ -24,6 +26,10 @@ pub const KEEPS_RECORDS: bool = cfg!(feature = "black-box");
 pub const TRANSITIONS: usize = if KEEPS_RECORDS { 24 } else { 0 };
 /// Records of all other kinds that are kept.
 pub const EVENTS: usize = if KEEPS_RECORDS { 24 } else { 0 };
+
+/// Records about behaviours that are kept, in a firmware that has some: of eight changes, each
+/// with the two of a pose.
+pub const BEHAVIOUR_RECORDS: usize = if KEEPS_RECORDS && NOTES { 24 } else { 0 };
 
 /// Words of a record in RAM: sequence number; time, its low half; time, 16 more bits, kind and the
 /// small value; the large value; checksum.
@@ -144,6 +150,7 @@ impl<const N: usize> Lane<N> {
 pub struct BlackBox {
     transitions: Lane<TRANSITIONS>,
     events: Lane<EVENTS>,
+    behaviours: Lane<BEHAVIOUR_RECORDS>,
     /// Sequence number of the next record.
     next: AtomicU32,
 }
@@ -160,8 +167,14 @@ impl BlackBox {
         BlackBox {
             transitions: Lane::empty(),
             events: Lane::empty(),
+            behaviours: Lane::empty(),
             next: AtomicU32::new(0),
         }
+    }
+
+    fn places(&self) -> impl Iterator<Item = &Place> {
+        let places = self.transitions.places.iter().chain(&self.events.places);
+        places.chain(&self.behaviours.places)
     }
 
     /// Forgets all records: what stands there is what power-on left.
@@ -169,10 +182,10 @@ impl BlackBox {
         if !KEEPS_RECORDS {
             return;
         }
-        let places = self.transitions.places.iter().chain(&self.events.places);
-        places.for_each(Place::clear);
+        self.places().for_each(Place::clear);
         self.transitions.next.store(0, Relaxed);
         self.events.next.store(0, Relaxed);
+        self.behaviours.next.store(0, Relaxed);
         self.next.store(0, Relaxed);
     }
 
@@ -182,13 +195,23 @@ impl BlackBox {
         if !KEEPS_RECORDS {
             return;
         }
-        let (transition, event) = (self.transitions.newest(), self.events.newest());
-        self.transitions.resume(transition.unwrap_or(0));
-        self.events.resume(event.unwrap_or(0));
-        let newest = match (transition, event) {
-            (Some(one), Some(other)) if (one.wrapping_sub(other) as i32) < 0 => Some(other),
-            (one, other) => one.or(other),
+        let newest = [
+            self.transitions.newest(),
+            self.events.newest(),
+            self.behaviours.newest(),
+        ];
+        let [transition, event, behaviour] = newest.map(Option::unwrap_or_default);
+        self.transitions.resume(transition);
+        self.events.resume(event);
+        self.behaviours.resume(behaviour);
+        let later = |one: u32, other: u32| {
+            if (one.wrapping_sub(other) as i32) < 0 {
+                other
+            } else {
+                one
+            }
         };
+        let newest = newest.into_iter().flatten().reduce(later);
         let next = newest.map_or(0, |newest| newest.wrapping_add(1));
         self.next.store(next, Relaxed);
     }
@@ -207,6 +230,7 @@ impl BlackBox {
         };
         match event {
             Event::Transition { .. } => self.transitions.write(record),
+            _ if NOTES && event.is_about_behaviours() => self.behaviours.write(record),
             _ => self.events.write(record),
         }
     }
@@ -225,9 +249,8 @@ impl BlackBox {
         // How far before the end: the oldest is farthest.
         let age = |sequence: u32| end.wrapping_sub(sequence);
         let oldest = sequence.map_or(u32::MAX, age);
-        let places = self.transitions.places.iter().chain(&self.events.places);
         let mut first: Option<Record> = None;
-        for place in places {
+        for place in self.places() {
             let known = first.as_ref().map_or(0, |record| age(record.sequence));
             // Most need not be read: a host may ask again and again.
             let age = age(place.sequence());
@@ -246,12 +269,12 @@ impl BlackBox {
 mod tests {
     use proptest::prelude::*;
 
-    use esm_link::black_box::RECORD_BYTES;
+    use esm_link::black_box::{PoseFrame, RECORD_BYTES, SAFETY_CHECK};
     use esm_link::message::{Mode, ResetReason, SafeReason};
 
     use super::*;
 
-    const EXAMPLES: [Event; 7] = [
+    const EXAMPLES: [Event; 14] = [
         Event::Started(ResetReason::BrownOut),
         Event::Ended {
             reason: ResetReason::Panic,
@@ -270,6 +293,40 @@ mod tests {
         Event::DeadlineMiss {
             slot: 3,
             count: 1 << 30,
+        },
+        Event::Behaviour {
+            key: 0x1234,
+            task: 0xFEDC,
+            from: None,
+            to: Some(0),
+        },
+        Event::Behaviour {
+            key: 1,
+            task: 0,
+            from: Some(4),
+            to: None,
+        },
+        Event::Situation {
+            key: 2,
+            task: 3,
+            situation: SAFETY_CHECK,
+            reaction: 31,
+        },
+        Event::PoseX {
+            x_mm: -8_388_608,
+            heading_mrad: -3_142,
+        },
+        Event::PoseY {
+            y_mm: 8_388_607,
+            frame: PoseFrame::Global,
+        },
+        Event::PoseY {
+            y_mm: -1,
+            frame: PoseFrame::Counted,
+        },
+        Event::Corrected {
+            is_difference: true,
+            is_refused: true,
         },
     ];
 
@@ -318,6 +375,22 @@ mod tests {
         assert_eq!(read.len(), 1 + TRANSITIONS);
         assert_eq!(read[0].event, stopped);
         assert_eq!(read.last().map(|record| record.at_us), Some(999));
+    }
+
+    #[test]
+    #[cfg_attr(not(feature = "black-box"), ignore = "there is no room for records")]
+    fn behaviours_that_change_all_the_time_do_not_wash_away_why_the_robot_stopped() {
+        let black_box = BlackBox::new();
+        let stopped = Event::Mode(Mode::Safe(SafeReason::Overruns));
+        black_box.record(1, stopped);
+        black_box.record(2, EXAMPLES[3]);
+        for at_us in 3..1_000 {
+            black_box.record(at_us, EXAMPLES[7]);
+        }
+        let read = all(&black_box);
+        let kept = BEHAVIOUR_RECORDS.max(EVENTS * usize::from(!NOTES));
+        assert_eq!(read.len(), kept + 1 + usize::from(NOTES));
+        assert_eq!(read[0].event == stopped, NOTES);
     }
 
     proptest! {

@@ -48,6 +48,7 @@ mod heartbeats;
 pub mod link;
 mod list_command;
 pub mod mission_store;
+mod notes;
 pub mod odometry;
 pub mod ports;
 pub mod realtime;

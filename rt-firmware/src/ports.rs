@@ -41,9 +41,11 @@ use crate::declaration::{
 };
 use crate::features::{MISSIONS, WARM};
 use crate::list_command::{Answer, CommandBox, ListCommand};
+use crate::notes::Notes;
 use crate::odometry::Pose;
 #[cfg(feature = "telemetry")]
 use crate::show::Show;
+use esm_link::black_box::Event;
 use esm_link::message::SafeReason;
 use esm_link::position::Correction;
 
@@ -583,6 +585,7 @@ struct IoState {
     inputs: Inputs,
     /// What the list of behaviours is to do.
     behaviours: CommandBox,
+    notes: Notes,
 }
 
 const WRITTEN_PORTS: u32 = (1 << MAX_DATA_PORTS) - 1;
@@ -610,6 +613,7 @@ impl IoState {
             link_silent_us: 0,
         },
         behaviours: CommandBox::EMPTY,
+        notes: Notes::EMPTY,
     };
 
     /// What the task has said.
@@ -786,6 +790,14 @@ impl<'a> Io<'a> {
     /// What came of it.
     pub(crate) fn answer_list_command(&mut self, answer: Answer) {
         self.state.behaviours.answer(answer);
+    }
+
+    /// Notes something for the trace and the flight recorder. There is room for what the tasks that
+    /// do so note at most in one execution; a firmware without behaviours has none.
+    pub(crate) fn note(&mut self, event: Event) {
+        if self.state.notes.push(event) {
+            self.state.tell();
+        }
     }
 
     /// The value of a parameter.
@@ -1406,6 +1418,12 @@ impl<'m> Executor<'m> {
     /// Nominal start of the activation that [began](Self::begin), on the robot's clock.
     pub(crate) fn robot_us(&self) -> u64 {
         self.state.robot_us
+    }
+
+    /// What the task has noted that was executed last.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(crate) fn notes(&mut self) -> &mut Notes {
+        &mut self.state.notes
     }
 
     /// What the list of behaviours is to do.

@@ -161,6 +161,7 @@ fn what_is_no_port_and_no_such_file_is_told_as_that() {
         "confirm",
         "fallback",
         "values",
+        "position",
         "log",
         "top",
         "status",

@@ -49,6 +49,10 @@ def take_record(fields: Fields) -> dict:
         return {"kind": "motors off", "reason": reason - 1 if reason else None}
     if kind == 10:
         return {"kind": "fell back", "mission": int.from_bytes(fields.take(4), "little"), "reason": fields.u8()}
+    if kind == 11:
+        # As a record of the black box has it.
+        what, small = fields.u8(), fields.u8()
+        return {"kind": "noted", "what": what, "small": small, "large": int.from_bytes(fields.take(4), "little")}
     raise Malformed(f"a record of kind {kind}")
 
 

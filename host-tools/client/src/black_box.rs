@@ -4,16 +4,19 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::sync::Arc;
 
-use esm_link::black_box::{Event, Record};
+use esm_link::black_box::{Event, PoseFrame, Record};
 use esm_link::message::ResetReason;
 use serde::Serialize;
 
+use crate::behaviour_words::{
+    TaskNames, behaviour, came_up, change, corrected, reaction, situation, state,
+};
 use crate::reading::{mode_words, reset_reason};
 use crate::run::mission::hash_text;
 use esm_toolkit::trace::directory::Directory;
 
 /// A record in words, in the form of its JSON.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Entry {
     /// Counts all records of the robot.
     pub sequence: u32,
@@ -25,7 +28,7 @@ pub struct Entry {
 }
 
 /// What happened.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "what", rename_all = "snake_case")]
 pub enum Happened {
     /// The firmware started.
@@ -82,10 +85,57 @@ pub enum Happened {
         /// How many.
         count: u32,
     },
+    /// A behaviour came onto the list, changed its state there, or left it.
+    Behaviour {
+        /// Its key on the list.
+        key: u16,
+        /// Its task, `IDLE` or `REMOTE_CONTROL`.
+        name: String,
+        /// Its state before; none where it was not on the list.
+        from: Option<&'static str>,
+        /// Its state since; none where it is not on the list any more.
+        to: Option<&'static str>,
+    },
+    /// A situation came up beside a behaviour.
+    Situation {
+        /// The behaviour's key on the list.
+        key: u16,
+        /// As above.
+        name: String,
+        /// Which one.
+        situation: &'static str,
+        /// What is done about it.
+        reaction: &'static str,
+    },
+    /// Where the robot was.
+    Pose {
+        /// In metres; none where the half of the record that has it was overwritten.
+        x_m: Option<f64>,
+        /// In metres; none as above.
+        y_m: Option<f64>,
+        /// In radians; none as above.
+        heading_rad: Option<f64>,
+        /// In the frame in which it is told where it is, not in that in which odometry counts.
+        global: bool,
+    },
+    /// The robot was told where it is.
+    Corrected {
+        /// How far off it is, not where.
+        by: bool,
+        /// That was beyond the bounds: nothing has changed.
+        refused: bool,
+    },
 }
 
-/// Puts records into words. Those of a mission come after the record that it started.
-pub fn entries(records: &[Record], missions: &BTreeMap<u32, Arc<Directory>>) -> Vec<Entry> {
+const PER_M: f64 = 1_000.0;
+
+/// Puts records into words. Those of a mission come after the record that it started. `tasks` are
+/// those of the firmware, as far as they are known.
+pub fn entries(
+    records: &[Record],
+    missions: &BTreeMap<u32, Arc<Directory>>,
+    tasks: &TaskNames,
+) -> Vec<Entry> {
     // What stands before the first start of a mission may be of any: it has no names.
     let mut running: Option<&Arc<Directory>> = None;
     let mut entries = Vec::new();
@@ -95,16 +145,40 @@ pub fn entries(records: &[Record], missions: &BTreeMap<u32, Arc<Directory>>) -> 
             Event::Started(_) => running = None,
             _ => {}
         }
+        let mut happened = happened(record.event, running.map(Arc::as_ref), tasks);
+        // A pose takes two records, of which the second one is told.
+        if let Happened::Pose {
+            x_m, heading_rad, ..
+        } = &mut happened
+        {
+            let half = entries.pop_if(|entry: &mut Entry| {
+                entry.sequence.wrapping_add(1) == record.sequence
+                    && matches!(entry.happened, Happened::Pose { y_m: None, .. })
+                    && matches!(record.event, Event::PoseY { .. })
+            });
+            if let Some(Entry {
+                happened:
+                    Happened::Pose {
+                        x_m: x,
+                        heading_rad: heading,
+                        ..
+                    },
+                ..
+            }) = half
+            {
+                (*x_m, *heading_rad) = (x, heading);
+            }
+        }
         entries.push(Entry {
             sequence: record.sequence,
             t_us: record.at_us,
-            happened: happened(record.event, running.map(Arc::as_ref)),
+            happened,
         });
     }
     entries
 }
 
-fn happened(event: Event, names: Option<&Directory>) -> Happened {
+fn happened(event: Event, names: Option<&Directory>, tasks: &TaskNames) -> Happened {
     match event {
         Event::Started(reason) => Happened::Started {
             reason: reset_reason(reason),
@@ -145,6 +219,47 @@ fn happened(event: Event, names: Option<&Directory>) -> Happened {
             took_us,
         },
         Event::DeadlineMiss { slot, count } => Happened::DeadlineMiss { slot, count },
+        Event::Behaviour {
+            key,
+            task,
+            from,
+            to,
+        } => Happened::Behaviour {
+            key,
+            name: behaviour(key, task, tasks),
+            from: state(from),
+            to: state(to),
+        },
+        Event::Situation {
+            key,
+            task,
+            situation: number,
+            reaction: done,
+        } => Happened::Situation {
+            key,
+            name: behaviour(key, task, tasks),
+            situation: situation(number),
+            reaction: reaction(done),
+        },
+        Event::PoseX { x_mm, heading_mrad } => Happened::Pose {
+            x_m: Some(f64::from(x_mm) / PER_M),
+            y_m: None,
+            heading_rad: Some(f64::from(heading_mrad) / PER_M),
+            global: false,
+        },
+        Event::PoseY { y_mm, frame } => Happened::Pose {
+            x_m: None,
+            y_m: Some(f64::from(y_mm) / PER_M),
+            heading_rad: None,
+            global: frame == PoseFrame::Global,
+        },
+        Event::Corrected {
+            is_difference,
+            is_refused,
+        } => Happened::Corrected {
+            by: is_difference,
+            refused: is_refused,
+        },
     }
 }
 
@@ -202,6 +317,41 @@ impl fmt::Display for Entry {
                     "{count} occurrences of the slot at place {slot} were missed"
                 )
             }
+            Happened::Behaviour {
+                key,
+                name,
+                from,
+                to,
+            } => f.write_str(&change(name, *key, *from, *to)),
+            Happened::Situation {
+                key,
+                name,
+                situation,
+                reaction,
+            } => f.write_str(&came_up(name, *key, situation, reaction)),
+            Happened::Pose {
+                x_m,
+                y_m,
+                heading_rad,
+                global,
+            } => {
+                let number = |value: &Option<f64>| {
+                    value.map_or_else(|| "?".to_owned(), |value| format!("{value:.3}"))
+                };
+                let frame = if *global {
+                    "in the global frame"
+                } else {
+                    "as odometry counts"
+                };
+                write!(
+                    f,
+                    "  at x {} m, y {} m, heading {} rad, {frame}",
+                    number(x_m),
+                    number(y_m),
+                    number(heading_rad)
+                )
+            }
+            Happened::Corrected { by, refused } => f.write_str(corrected(*by, *refused)),
         }
     }
 }
@@ -209,6 +359,7 @@ impl fmt::Display for Entry {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use esm_link::black_box::SAFETY_CHECK;
     use esm_link::message::{Mode, SafeReason};
 
     #[test]
@@ -262,6 +413,47 @@ mod tests {
                 Event::DeadlineMiss { slot: 1, count: 9 },
                 "    1.500 s  9 occurrences of the slot at place 1 were missed",
             ),
+            (
+                Event::Behaviour {
+                    key: 3,
+                    task: 0x12ab,
+                    from: None,
+                    to: Some(0),
+                },
+                "    1.500 s  the behaviour of task 12ab (3) comes onto the list: INITIAL",
+            ),
+            (
+                Event::Behaviour {
+                    key: 0,
+                    task: 0,
+                    from: Some(1),
+                    to: None,
+                },
+                "    1.500 s  IDLE (0): EXECUTE -> DESTROY",
+            ),
+            (
+                Event::Situation {
+                    key: 3,
+                    task: 0,
+                    situation: SAFETY_CHECK,
+                    reaction: 0,
+                },
+                "    1.500 s  REMOTE_CONTROL (3): SAFETY_CHECK has come up -> suspend",
+            ),
+            (
+                Event::PoseY {
+                    y_mm: -1_250,
+                    frame: PoseFrame::Global,
+                },
+                "    1.500 s    at x ? m, y -1.250 m, heading ? rad, in the global frame",
+            ),
+            (
+                Event::Corrected {
+                    is_difference: true,
+                    is_refused: false,
+                },
+                "    1.500 s  the robot is told how far off it is",
+            ),
         ];
         for (event, expected) in cases {
             let record = Record {
@@ -269,8 +461,46 @@ mod tests {
                 at_us: 1_500_000,
                 event,
             };
-            let told = entries(&[record], &BTreeMap::new());
+            let told = entries(&[record], &BTreeMap::new(), &TaskNames::new());
             assert_eq!(told[0].to_string(), expected);
         }
+    }
+
+    #[test]
+    fn both_halves_of_a_pose_are_one_entry_with_names_of_tasks() {
+        let events = [
+            Event::Behaviour {
+                key: 1,
+                task: 7,
+                from: Some(1),
+                to: Some(3),
+            },
+            Event::PoseX {
+                x_mm: 1_500,
+                heading_mrad: -500,
+            },
+            Event::PoseY {
+                y_mm: -2,
+                frame: PoseFrame::Counted,
+            },
+        ];
+        let records: Vec<Record> = (0..)
+            .zip(events)
+            .map(|(sequence, event)| Record {
+                sequence,
+                at_us: 1_500_000,
+                event,
+            })
+            .collect();
+        let tasks = TaskNames::from([(7, "GoTo".to_owned())]);
+        let told = entries(&records, &BTreeMap::new(), &tasks);
+        let lines: Vec<String> = told.iter().map(Entry::to_string).collect();
+        assert_eq!(
+            lines,
+            [
+                "    1.500 s  GoTo (1): EXECUTE -> RESUME",
+                "    1.500 s    at x 1.500 m, y -0.002 m, heading -0.500 rad, as odometry counts",
+            ]
+        );
     }
 }

@@ -13,7 +13,8 @@ use esm_link::message::LinkError;
 use super::console::Console;
 use super::exit::CommandError;
 use super::robot::{Robot, RobotArgs};
-use super::stage;
+use super::{stage, tasks};
+use crate::behaviour_words::TaskNames;
 use crate::black_box::entries;
 use crate::link_client::ClientError;
 use crate::run::mission::{Mission, hash_text};
@@ -56,7 +57,7 @@ pub fn execute(args: &BlackBoxArgs, console: &mut Console) -> Result<(), Command
         given.push((file, mission.hash));
         missions.insert(mission.hash, mission.directory);
     }
-    let (mut robot, _) = args.robot.connect(console)?;
+    let (mut robot, info) = args.robot.connect(console)?;
     robot.require(Feature::BlackBox)?;
     let records = robot.black_box()?;
     let is_wanted = |hash: u32| {
@@ -73,7 +74,15 @@ pub fn execute(args: &BlackBoxArgs, console: &mut Console) -> Result<(), Command
     if !args.json && !records.is_empty() {
         console.note("times are robot time, from the first macro step after each start");
     }
-    for entry in entries(&records, &missions) {
+    let tasks = if records
+        .iter()
+        .any(|record| record.event.is_about_behaviours())
+    {
+        tasks::names(&mut robot, &info, console)?
+    } else {
+        TaskNames::new()
+    };
+    for entry in entries(&records, &missions, &tasks) {
         if args.json {
             console.json_line(&entry)?;
         } else {

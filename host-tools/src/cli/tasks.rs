@@ -14,6 +14,7 @@ use super::file;
 use super::mission::{self, Audience};
 use super::robot::{self, LineArgs, Robot};
 use super::stage;
+use crate::behaviour_words::TaskNames;
 use crate::host_board::RobotMaker;
 use crate::lang;
 use crate::link_client::{LinkClient, RobotInfo};
@@ -22,6 +23,7 @@ use crate::lockstep::plant_side::PlantSide;
 use crate::model::{Model, Task};
 use crate::plant::{BodyParameters, Plant};
 use crate::run::board::{LinkWay, RunningBoard};
+use crate::script::signature_hash;
 use crate::task_page;
 
 /// Prints a firmware's task declarations as `.esm`, so that nobody copies signatures by hand
@@ -183,6 +185,21 @@ pub fn ask(robot: &mut Robot, info: &RobotInfo) -> Result<(String, String), Comm
         text,
         format!("{} on the board {}", info.firmware, info.board),
     ))
+}
+
+/// The names of a robot's task types, by the lower halves of their hashes.
+///
+/// # Errors
+/// The robot does not say them.
+pub fn names(
+    robot: &mut Robot,
+    info: &RobotInfo,
+    console: &mut Console,
+) -> Result<TaskNames, CommandError> {
+    let (text, _) = ask(robot, info)?;
+    let tasks = declared_in(&text, console)?;
+    let name = |task: &Task| (signature_hash(task) as u16, task.name.clone());
+    Ok(tasks.iter().map(name).collect())
 }
 
 /// The tasks that a firmware has declared in a text.

@@ -8,13 +8,17 @@ use super::remote_control::RemoteControl;
 use super::repertoire::Repertoire;
 use super::script::{Script, StepEnd};
 use super::shipped::ShippedLaws;
+use super::told::{ToldList, pose_events};
+use crate::features::NOTES;
 use crate::list_command::{Answer, Call, ListCommand, MAX_ENTRIES, Report};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
 use crate::tasks::{Battery, Pose, Ranges, Twist};
 use esm_link::behaviours::{ListEntry, Origin, Reaction};
+use esm_link::black_box::{Event, PoseFrame};
 use esm_link::message::LinkError;
+use heapless::Vec;
 
 const _: () = assert!(MAX_ENTRIES == MAX_BEHAVIOURS + 1);
 
@@ -27,6 +31,7 @@ pub struct Behaviours<R = ShippedLaws> {
     remote: Option<RemoteControl>,
     script: Script,
     landmarks: Landmarks,
+    told: ToldList,
 }
 
 impl<R> Default for Behaviours<R> {
@@ -36,6 +41,7 @@ impl<R> Default for Behaviours<R> {
             remote: None,
             script: Script::default(),
             landmarks: Landmarks::NONE,
+            told: ToldList::default(),
         }
     }
 }
@@ -76,6 +82,27 @@ task! {
     }
 }
 
+/// Situations that are told of one activation: one for each behaviour, and one that each has.
+const MAX_CAME_UP: usize = MAX_BEHAVIOURS + 1;
+
+struct Situations(Vec<Event, MAX_CAME_UP>);
+
+impl Situations {
+    const fn new() -> Self {
+        Self(Vec::new())
+    }
+
+    /// One more, if there is room.
+    fn note(&mut self, key: Key, task: u16, situation: u8, reaction: Reaction) {
+        let _ = self.0.push(Event::Situation {
+            key: key.number(),
+            task,
+            situation,
+            reaction: reaction.kind(),
+        });
+    }
+}
+
 impl<R: Repertoire> Task for Behaviours<R> {
     fn reset(&mut self) {
         self.forget_all();
@@ -102,14 +129,36 @@ impl<R: Repertoire> Task for Behaviours<R> {
             return Step::Run;
         };
         let answer = command.map(|command| self.carry_out(&command, list, &around));
-        let noticed = self.execute(list, &around);
+        let mut came_up = Situations::new();
+        let noticed = self.execute(list, &around, &mut came_up);
+        for told in list.take_came_up().into_iter().flatten() {
+            // Of one that came and went in this activation nothing is told.
+            if let Some(task) = list.task(told.key).or_else(|| self.told.task(told.key)) {
+                came_up.note(told.key, task, told.situation, told.reaction);
+            }
+        }
         let twist = list.take_asked();
         list.look();
+        let changes = if NOTES {
+            self.told.changes(list)
+        } else {
+            Vec::new()
+        };
         let is_idle = list.is_empty() || list.head() == Some(Key::IDLE);
         if let Some(answer) = answer {
             io.answer_list_command(answer);
         }
         *io.write(Self::TWIST) = twist;
+        // First why, then what has changed, then where.
+        let happened = came_up.0.iter().chain(&changes);
+        happened.for_each(|event| io.note(*event));
+        if let Some(pose) = around
+            .pose
+            .filter(|_| !came_up.0.is_empty() || !changes.is_empty())
+        {
+            let events = pose_events(&pose, PoseFrame::Counted);
+            events.into_iter().for_each(|event| io.note(event));
+        }
         io.set(Self::IDLE, is_idle);
         io.set(Self::NOTICED, noticed);
         io.set(Self::REMOTE, self.remote.is_some());
@@ -126,11 +175,17 @@ impl<R: Repertoire> Behaviours<R> {
         }
         self.remote = None;
         self.script.forget_all();
+        self.told.forget();
     }
 
     /// Lets all execute that no task state has inserted. Whether a situation is up that is to be
     /// noticed.
-    fn execute(&mut self, list: &mut BehaviourList, around: &Surroundings<'_>) -> bool {
+    fn execute(
+        &mut self,
+        list: &mut BehaviourList,
+        around: &Surroundings<'_>,
+        came_up: &mut Situations,
+    ) -> bool {
         let remote = self.remote.take();
         self.remote = remote.filter(|remote| remote.step(list, around));
         self.look_for_landmarks(list, around);
@@ -139,9 +194,12 @@ impl<R: Repertoire> Behaviours<R> {
             let Some(Some(inserted)) = self.inserted.get_mut(place) else {
                 continue;
             };
-            let (key, origin) = (inserted.key, inserted.origin);
+            let (key, origin, task) = (inserted.key, inserted.origin, inserted.task);
             let when_failed = inserted.when_failed();
             let (turn, reactions) = inserted.step(list, around, &self.landmarks);
+            for (situation, reaction) in reactions.came_up.into_iter().flatten() {
+                came_up.note(key, task, situation as u8, reaction);
+            }
             noticed |= reactions.flag;
             if reactions.end_script {
                 self.end_script(list);

@@ -32,7 +32,7 @@ pub(super) struct Surroundings<'a> {
 pub(super) struct Inserted<R> {
     pub(super) key: Key,
     pub(super) origin: Origin,
-    task: u16,
+    pub(super) task: u16,
     law: R,
     params: Params,
     place: Place,

@@ -6,6 +6,7 @@ use crate::list_command::LIST_TYPE;
 use crate::show::{Field, Show};
 use crate::task::PortType;
 use crate::tasks::Twist;
+use esm_link::behaviours::Reaction;
 
 /// How many behaviours the list has room for, beside [`IDLE`](Key::IDLE).
 pub const MAX_BEHAVIOURS: usize = 8;
@@ -40,6 +41,21 @@ impl Key {
     }
 }
 
+/// A situation that came up beside a behaviour.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct CameUp {
+    /// Beside which one.
+    pub key: Key,
+    /// Its number in the flight recorder.
+    pub situation: u8,
+    /// What is done about it.
+    pub reaction: Reaction,
+}
+
+/// Those that are known of one activation: the first one. Where who executes ends by it, the next
+/// one may have one of its own, which is not told.
+const CAME_UP: usize = 1;
+
 /// The list has no room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ListFull;
@@ -71,6 +87,8 @@ pub struct BehaviourList {
     asked: Twist,
     /// It was not taken yet.
     is_new: bool,
+    /// Situations that came up beside a behaviour, since this was taken.
+    came_up: [Option<CameUp>; CAME_UP],
     /// Which way round the robot drives, whoever executes.
     pub(super) way_round: WayRound,
 }
@@ -90,6 +108,7 @@ impl BehaviourList {
         last_key: 0,
         asked: Twist::STILL,
         is_new: false,
+        came_up: [None; CAME_UP],
         way_round: WayRound::FORWARDS,
     };
 
@@ -281,6 +300,24 @@ impl BehaviourList {
         self.dispatch();
     }
 
+    /// A situation came up beside a behaviour.
+    pub(super) fn come_up(&mut self, came_up: CameUp) {
+        if let Some(room) = self.came_up.iter_mut().find(|place| place.is_none()) {
+            *room = Some(came_up);
+        }
+    }
+
+    /// The situations that came up since the last call.
+    pub(super) fn take_came_up(&mut self) -> [Option<CameUp>; CAME_UP] {
+        core::mem::take(&mut self.came_up)
+    }
+
+    /// The lower half of the signature hash of a behaviour's task, if it is on the list.
+    pub(super) fn task(&self, key: Key) -> Option<u16> {
+        let place = self.place(key)?;
+        self.present().get(place).map(|entry| entry.task)
+    }
+
     /// The behaviour that executes asks for a movement.
     pub fn ask(&mut self, twist: Twist) {
         (self.asked, self.is_new) = (twist, true);
@@ -455,9 +492,9 @@ mod tests {
     #[test]
     fn a_list_is_as_small_as_the_book_says() {
         let bytes = if cfg!(feature = "all-behaviours") {
-            96
+            104
         } else {
-            84
+            92
         };
         assert_eq!(size_of::<BehaviourList>(), bytes);
     }

@@ -2,11 +2,13 @@
 
 use super::law::{Behaviour, Control, Scene};
 use super::life_cycle::LifeState;
-use super::list::{BehaviourList, Key};
+use super::list::{BehaviourList, CameUp, Key};
 use super::situation::{SafetyCheck, is_outside};
 use crate::declaration::Params;
 use crate::odometry::LocalFrame;
 use crate::tasks::{Pose, Ranges, Twist};
+use esm_link::behaviours::{Reaction, Situation};
+use esm_link::black_box::SAFETY_CHECK;
 
 /// How long the way must have been free before a suspended behaviour resumes, in microseconds: who
 /// steps aside may step back.
@@ -247,15 +249,30 @@ impl Place {
     ) -> Turn {
         let twist = self.asked;
         if around.outside_m > 0.0 && is_outside(pose, around.outside_m) {
+            self.tell(list, Situation::OutsideRange as u8, Reaction::Cancel);
             return self.end(list, false);
         }
         if self.is_barred || !SafetyCheck::is_free_but(clearance_m, &twist, around.ranges) {
+            if !self.is_barred {
+                self.tell(list, SAFETY_CHECK, Reaction::Suspend);
+            }
             self.free_us = 0;
             list.idle();
             return Turn::Goes { suspended: true };
         }
         list.ask(list.way_round.twist(twist));
         Turn::Goes { suspended: false }
+    }
+
+    /// Notes that a situation has come up.
+    fn tell(&self, list: &mut BehaviourList, situation: u8, reaction: Reaction) {
+        if let Some(key) = self.key {
+            list.come_up(CameUp {
+                key,
+                situation,
+                reaction,
+            });
+        }
     }
 
     /// Leaves the list.

@@ -35,6 +35,10 @@ impl<const KIND: u8> Situation for Watcher<KIND> {
         let moves = self.stillness.moves(seen);
         self.lookout.look(seen, &Landmarks::NONE, moves)
     }
+
+    fn number(&self) -> u8 {
+        KIND
+    }
 }
 
 /// Looks for a landmark, by its number among the situations that scripts know.
@@ -59,6 +63,10 @@ impl<const KIND: u8> Situation for LandmarkWatcher<KIND> {
         let (pose, ranges) = (seen.pose.as_ref(), seen.ranges);
         self.landmarks.look(pose, ranges, seen.period_us);
         self.lookout.look(seen, &self.landmarks, true)
+    }
+
+    fn number(&self) -> u8 {
+        KIND
     }
 }
 

@@ -8,6 +8,7 @@
 
 use crate::declaration::Params;
 use crate::tasks::{Bearing, Pose, Ranges, Twist};
+use esm_link::black_box::OWN_SITUATION;
 
 /// What a situation is looked for in.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +29,11 @@ pub struct Circumstances<'a> {
 pub trait Situation: Send {
     /// Looks for it, in each activation of its slot. Returns whether it is up.
     fn look(&mut self, seen: &Circumstances<'_>, params: &Params) -> bool;
+
+    /// Its number in the flight recorder, which knows those that ship by their names.
+    fn number(&self) -> u8 {
+        OWN_SITUATION
+    }
 }
 
 /// Whether a place is farther than `radius_m` metres from the centre of its frame: OUTSIDE_RANGE.

@@ -1,11 +1,12 @@
 //! What a task does that is a situation.
 
-use super::list::BehaviourList;
+use super::list::{BehaviourList, CameUp};
 use super::situation::{Circumstances, Situation};
 use crate::odometry::LocalFrame;
 use crate::ports::Io;
 use crate::task::{OptIn, OptInOut, OutFlag, Param, Step};
 use crate::tasks::{Battery, Pose, Ranges, Twist};
+use esm_link::behaviours::Reaction;
 
 /// The most that the parameter `reaction` may be.
 const SUSPEND: u32 = 1;
@@ -102,6 +103,17 @@ impl SituationWatch {
         }
         if self.is_up && !was_up {
             info!("situation {}", ports.name);
+            if let Some(key) = key {
+                list.come_up(CameUp {
+                    key,
+                    situation: situation.number(),
+                    reaction: match params.get(ports.reaction) {
+                        SUSPEND => Reaction::Suspend,
+                        CANCEL => Reaction::Cancel,
+                        _ => Reaction::Flag,
+                    },
+                });
+            }
         }
         io.set(ports.up, self.is_up);
         Step::Run

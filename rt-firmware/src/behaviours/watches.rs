@@ -6,7 +6,7 @@ use super::situation::Circumstances;
 use esm_link::behaviours::{MAX_WATCHES, Reaction, Situation, Watch};
 
 /// What is to be done about what has come up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Reactions {
     /// The behaviour is suspended while it lasts.
     pub(super) suspend: bool,
@@ -20,6 +20,8 @@ pub(super) struct Reactions {
     pub(super) insert: Option<u8>,
     /// The script goes on with this step.
     pub(super) go_on: Option<u8>,
+    /// Those that were not up before, and what is done about them.
+    pub(super) came_up: [Option<(Situation, Reaction)>; MAX_WATCHES],
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -72,8 +74,11 @@ impl Watches {
     ) -> Reactions {
         let moves = self.stillness.moves(seen);
         let mut reactions = Reactions::default();
-        for watched in self.watched.iter_mut().flatten() {
-            if is_held && watched.lookout.situation() == Situation::Lasts {
+        let watches = self.watched.iter_mut().zip(&mut reactions.came_up);
+        for (watched, came_up) in watches {
+            let Some(watched) = watched else { continue };
+            let situation = watched.lookout.situation();
+            if is_held && situation == Situation::Lasts {
                 continue;
             }
             let was_up = watched.is_up;
@@ -82,7 +87,8 @@ impl Watches {
                 continue;
             }
             if !was_up {
-                info!("situation {}", watched.lookout.situation().names().0);
+                info!("situation {}", situation.names().0);
+                *came_up = Some((situation, watched.reaction));
             }
             match watched.reaction {
                 Reaction::Suspend => reactions.suspend = true,

@@ -63,6 +63,8 @@ pub(super) enum Event {
         /// The activation at whose start this became known.
         activation: u64,
     },
+    /// A task noted something.
+    Noted(black_box::Event),
 }
 
 impl Event {
@@ -119,6 +121,7 @@ impl Event {
                 task_instance,
                 activation,
             },
+            Event::Noted(event) => TraceEvent::Noted(event),
         }
     }
 
@@ -143,6 +146,7 @@ impl Event {
                 slot: u8::try_from(slot).unwrap_or(u8::MAX),
                 count,
             },
+            Event::Noted(event) => event,
             _ => return None,
         })
     }

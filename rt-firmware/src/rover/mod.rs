@@ -52,6 +52,8 @@ use crate::ports::TaskPool;
 use crate::registry;
 #[cfg(feature = "bumpers")]
 use crate::tasks::Bumpers;
+#[cfg(feature = "all-behaviours")]
+use crate::tasks::GlobalPosition;
 #[cfg(feature = "imu")]
 use crate::tasks::Gyro;
 use crate::tasks::{
@@ -59,8 +61,8 @@ use crate::tasks::{
     LinkMonitor, Logger, Odometry, ProximityMonitor, RoundCorner, SonarRing, Stop, Turn,
     WheelSpeed,
 };
-#[cfg(feature = "behaviours")]
-use crate::tasks::{CorrectPosition, GlobalPosition, SetPosition};
+#[cfg(feature = "position-tasks")]
+use crate::tasks::{CorrectPosition, SetPosition};
 #[cfg(feature = "all-tasks")]
 use crate::tasks::{Count, DriveDistance, FollowLine, LineMonitor, SlotMonitor};
 #[cfg(feature = "sonar-array")]
@@ -385,9 +387,9 @@ registry! {
         bumpers: Bumpers<X::Bumper>[1] if "bumpers",
         gyro: Gyro<X::ImuBus>[1] if "imu",
         behaviours: Behaviours[1] if "behaviours",
-        global_position: GlobalPosition[1] if "behaviours",
-        set_position: SetPosition[2] if "behaviours",
-        correct_position: CorrectPosition[2] if "behaviours",
+        global_position: GlobalPosition[1] if "all-behaviours",
+        set_position: SetPosition[2] if "position-tasks",
+        correct_position: CorrectPosition[2] if "position-tasks",
         move_on: Move[4] if "behaviours",
         turn_to: TurnTo[4] if "behaviours",
         go_to: GoTo[4] if "behaviours",
@@ -471,11 +473,11 @@ where
             bumpers: TaskPool::new([hardware.bumpers]),
             #[cfg(feature = "imu")]
             gyro: TaskPool::new([hardware.gyro]),
-            #[cfg(feature = "behaviours")]
+            #[cfg(feature = "all-behaviours")]
             global_position: TaskPool::from_fn(GlobalPosition::default),
-            #[cfg(feature = "behaviours")]
+            #[cfg(feature = "position-tasks")]
             set_position: TaskPool::from_fn(SetPosition::default),
-            #[cfg(feature = "behaviours")]
+            #[cfg(feature = "position-tasks")]
             correct_position: TaskPool::from_fn(CorrectPosition::default),
             #[cfg(feature = "behaviours")]
             behaviours: TaskPool::from_fn(Behaviours::default),

@@ -1,11 +1,13 @@
 //! Says where the robot is in the global frame.
 
 use super::position::{CorrectionState, GlobalPose};
+use crate::behaviours::told::pose_events;
 use crate::list_command::Answer;
 use crate::odometry::{Frame, GlobalFrame, OutsideBounds, Pose};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};
+use esm_link::black_box::{Event, PoseFrame};
 use esm_link::message::LinkError;
 use esm_link::position::Correction;
 
@@ -44,13 +46,34 @@ impl GlobalPosition {
     ) -> Option<Result<(), OutsideBounds>> {
         Some(self.global.correct(counted?, correction, by))
     }
+
+    /// Notes what became of a correction, and where the robot is since.
+    fn note(
+        &self,
+        io: &mut Io<'_>,
+        counted: Option<Pose>,
+        correction: Correction,
+        corrected: Option<Result<(), OutsideBounds>>,
+    ) {
+        let (Some(counted), Some(corrected)) = (counted, corrected) else {
+            return;
+        };
+        io.note(Event::Corrected {
+            is_difference: correction == Correction::Difference,
+            is_refused: corrected.is_err(),
+        });
+        let events = pose_events(&self.global.pose(counted), PoseFrame::Global);
+        events.into_iter().for_each(|event| io.note(event));
+    }
 }
 
 impl Task for GlobalPosition {
     fn step(&mut self, io: &mut Io<'_>) -> Step {
         let counted = io.try_read(Self::POSE).copied();
         if let Some(asked) = io.take_position() {
-            io.answer_list_command(match self.correct(counted, asked) {
+            let corrected = self.correct(counted, asked);
+            self.note(io, counted, asked.0, corrected);
+            io.answer_list_command(match corrected {
                 Some(Ok(())) => Answer::Done,
                 Some(Err(OutsideBounds)) => Answer::Refused(LinkError::PositionOutside),
                 None => Answer::Refused(LinkError::NoPosition),
@@ -61,7 +84,8 @@ impl Task for GlobalPosition {
             return Step::Run;
         };
         let asked = global.asked();
-        if let Some(corrected) = asked.and_then(|asked| self.correct(counted, asked)) {
+        let corrected = asked.and_then(|asked| self.correct(counted, asked));
+        if let Some(corrected) = corrected {
             global.state = if corrected.is_ok() {
                 CorrectionState::Applied
             } else {
@@ -70,6 +94,9 @@ impl Task for GlobalPosition {
         }
         if let Some(counted) = counted {
             global.is_at(self.global.pose(counted));
+        }
+        if let Some((correction, _)) = asked {
+            self.note(io, counted, correction, corrected);
         }
         Step::Run
     }

@@ -5,10 +5,12 @@
 use std::io::{self, Write};
 use std::sync::Arc;
 
+use esm_link::black_box::Event;
 use esm_link::message::SafeReason;
 use esm_link::trace::{EMERGENCY, TraceEvent};
 use esm_link::trial::FallBackReason;
 
+use crate::behaviour_words::{behaviour, came_up, change, corrected, reaction, situation, state};
 use esm_toolkit::pictures::{Mark, MissionStates, StatesRecorder};
 use esm_toolkit::recording::file::BackgroundRunEnd;
 use esm_toolkit::trace::Snapshot;
@@ -219,6 +221,11 @@ impl<W: Write> Story<W> {
                     label: format!("falls back: {why}"),
                 });
             }
+            TraceEvent::Noted(event) => {
+                if let Some(words) = playing.noted(event) {
+                    tell(format!("{time:>9.3} s  {words}"));
+                }
+            }
             TraceEvent::Started { .. }
             | TraceEvent::Step { .. }
             | TraceEvent::Same { .. }
@@ -325,6 +332,35 @@ impl<W: Write> Story<W> {
 }
 
 impl<W> Playing<W> {
+    /// What a task has noted, in words; where the robot is meanwhile its path shows.
+    fn noted(&self, event: Event) -> Option<String> {
+        let names = self.directory.task_names();
+        Some(match event {
+            Event::Behaviour {
+                key,
+                task,
+                from,
+                to,
+            } => change(&behaviour(key, task, names), key, state(from), state(to)),
+            Event::Situation {
+                key,
+                task,
+                situation: number,
+                reaction: done,
+            } => came_up(
+                &behaviour(key, task, names),
+                key,
+                situation(number),
+                reaction(done),
+            ),
+            Event::Corrected {
+                is_difference,
+                is_refused,
+            } => corrected(is_difference, is_refused).to_owned(),
+            _ => return None,
+        })
+    }
+
     /// Robot time of a macro step.
     fn robot_us_of(&self, step: u64) -> u64 {
         self.start_us

@@ -7,6 +7,7 @@ use esm_link::behaviours::{BehaviourRequest, ListEntry, Origin, ScriptState, Scr
 use esm_link::features::Feature;
 use serde::Serialize;
 
+use crate::behaviour_words::state;
 use crate::cli::console::Console;
 use crate::cli::exit::CommandError;
 use crate::cli::robot::{Robot, RobotArgs};
@@ -108,9 +109,6 @@ struct Inserted<'n> {
     key: u16,
     name: &'n str,
 }
-
-/// The states of figure 2, by their numbers.
-const STATES: [&str; 5] = ["INITIAL", "EXECUTE", "SUSPEND", "RESUME", "DESTROY"];
 
 /// How a script is; none where none was run.
 pub fn script_report(status: ScriptStatus) -> Option<ScriptReport> {
@@ -232,7 +230,7 @@ fn entry_report(entry: &ListEntry, tasks: &[Task]) -> EntryReport {
     EntryReport {
         key: entry.key,
         name,
-        state: STATES.get(usize::from(entry.state)).copied().unwrap_or("?"),
+        state: state(Some(entry.state)).unwrap_or("?"),
         origin,
         held: entry.is_held,
     }

@@ -5,7 +5,7 @@
 //! directory is made of a verified blob; nothing else is needed to say what happened on a robot.
 //! Where the blob's names were left out, numbered ones may stand for them.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::ops::Range;
 
 use esm_core::format;
@@ -40,6 +40,8 @@ pub struct Directory {
     events: Vec<String>,
     interpreter_period_us: u32,
     path_bytes: usize,
+    /// Names of the task types, by the lower halves of the hashes of their signatures.
+    task_names: BTreeMap<u16, String>,
 }
 
 /// The most bytes of the paths of all states. Superstates that are nested thousands deep have paths
@@ -225,6 +227,9 @@ impl Directory {
             interpreter_period_us: tables
                 .slot(tables.interpreter_slot())
                 .map_or(0, |slot| slot.period_us),
+            task_names: (tables.tasks())
+                .map(|task| (task.signature_hash as u16, text(task.signature.name())))
+                .collect(),
             ..Directory::default()
         };
         directory.events.clone_from(&names.events);
@@ -378,6 +383,12 @@ impl Directory {
     /// The states of the task instances, in the order of the instance tree.
     pub fn task_states(&self) -> &[StateId] {
         &self.tasks
+    }
+
+    /// Names of the task types, by the lower halves of the hashes of their signatures, as a list of
+    /// behaviours names them.
+    pub fn task_names(&self) -> &BTreeMap<u16, String> {
+        &self.task_names
     }
 
     /// A local state. `None` for a place that the machine does not have.

@@ -131,7 +131,8 @@ impl<W: Write> RecordTrace<W> {
             | TraceEvent::Overrun { .. }
             | TraceEvent::DeadlineMiss { .. }
             | TraceEvent::MotorsOff { .. }
-            | TraceEvent::FellBack { .. } => Ok(None),
+            | TraceEvent::FellBack { .. }
+            | TraceEvent::Noted(_) => Ok(None),
         }
     }
 

@@ -14,7 +14,9 @@ use super::observers::Observers;
 use super::slots::SlotEntry;
 use super::tasks::{self, Lists, NO_GROUP, NONE, TaskActivity, TaskEntry, TaskTable};
 use crate::board::{Board, ticks_between};
+use crate::features::NOTES;
 use crate::list_command::CommandBox;
+use crate::notes::MAX_NOTES;
 use crate::ports::{BackgroundRun, Executor, Registry, StepOutput};
 use crate::task::Step;
 use crate::task_word::TaskWord;
@@ -367,6 +369,9 @@ impl<'q, 'm> Execution<'q, 'm> {
         if let Some(said) = self.executor.end_step(&record.binding) {
             mission.apply_flags(&record.places, said.flags);
             self.take_in(instance, said);
+            if NOTES && !self.executor.notes().is_empty() {
+                self.tell_notes(observers);
+            }
         }
         if step == Step::Finished {
             mission.report_exit(usize::from(instance));
@@ -382,6 +387,20 @@ impl<'q, 'm> Execution<'q, 'm> {
             self.supervisor = Some((instance, u16::try_from(allowed).unwrap_or(u16::MAX)));
         }
         self.failure = self.failure.or(said.failure);
+    }
+
+    /// Tells what a task has noted: as much as there is room for in one execution.
+    #[cold]
+    #[inline(never)]
+    fn tell_notes(&mut self, observers: &mut Observers<'m>) {
+        let robot_us = self.executor.robot_us();
+        for index in 0..MAX_NOTES {
+            let Some(event) = self.executor.notes().get(index) else {
+                break;
+            };
+            observers.tell(robot_us, Event::Noted(event));
+        }
+        self.executor.notes().clear();
     }
 
     /// A task has done its work.
