@@ -31,8 +31,8 @@ pub const TELEMETRY: bool = cfg!(feature = "telemetry");
 /// `behaviours`).
 pub const BEHAVIOURS: bool = cfg!(feature = "behaviours");
 
-/// What happens to behaviours is told, in the trace and in the black box (feature `all-behaviours`).
-/// A small robot has no room for that.
+/// What happens to behaviours is told, in the trace and in the black box (feature
+/// `all-behaviours`). A small robot has no room for that.
 pub const NOTES: bool = cfg!(feature = "all-behaviours");
 
 /// From one activation to the next time is counted in 32 bits (feature `speed`). Without it, the

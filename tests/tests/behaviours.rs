@@ -40,7 +40,7 @@ fn a_round_is_the_same_on_the_emulated_board_and_on_the_host() {
 fn a_firmware_without_behaviours_says_which_task_it_lacks() {
     let said = esm(&["run", "missions/guard.esm", "--until", "1 s"]);
     assert_eq!(said.status, Some(1));
-    let lacks = "its firmware lacks the task `Move`";
+    let lacks = "its firmware lacks the task `GlobalPosition`";
     assert!(said.err.contains(lacks), "{}", said.err);
 }
 

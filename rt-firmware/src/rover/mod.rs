@@ -52,7 +52,7 @@ use crate::ports::TaskPool;
 use crate::registry;
 #[cfg(feature = "bumpers")]
 use crate::tasks::Bumpers;
-#[cfg(feature = "all-behaviours")]
+#[cfg(feature = "behaviours")]
 use crate::tasks::GlobalPosition;
 #[cfg(feature = "imu")]
 use crate::tasks::Gyro;
@@ -387,7 +387,7 @@ registry! {
         bumpers: Bumpers<X::Bumper>[1] if "bumpers",
         gyro: Gyro<X::ImuBus>[1] if "imu",
         behaviours: Behaviours[1] if "behaviours",
-        global_position: GlobalPosition[1] if "all-behaviours",
+        global_position: GlobalPosition[1] if "behaviours",
         set_position: SetPosition[2] if "position-tasks",
         correct_position: CorrectPosition[2] if "position-tasks",
         move_on: Move[4] if "behaviours",
@@ -473,7 +473,7 @@ where
             bumpers: TaskPool::new([hardware.bumpers]),
             #[cfg(feature = "imu")]
             gyro: TaskPool::new([hardware.gyro]),
-            #[cfg(feature = "all-behaviours")]
+            #[cfg(feature = "behaviours")]
             global_position: TaskPool::from_fn(GlobalPosition::default),
             #[cfg(feature = "position-tasks")]
             set_position: TaskPool::from_fn(SetPosition::default),

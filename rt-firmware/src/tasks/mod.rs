@@ -4,8 +4,8 @@
 //! |---|---|---|
 //! | [`SonarRing`] | measures the ranges around the robot | sonars |
 //! | [`Odometry`] | works out pose and wheel speeds | encoders |
-//! | `GlobalPosition` (feature `all-behaviours`) | says where the robot is in the global frame | |
-//! | `SetPosition`, `CorrectPosition` (feature `all-behaviours`) | tell it where that is | |
+//! | `GlobalPosition` (feature `behaviours`) | says where the robot is in the global frame | |
+//! | `SetPosition`, `CorrectPosition` (feature `position-tasks`) | tell it where that is | |
 //! | [`WheelSpeed`] | makes the wheels follow a twist | motors |
 //! | [`DriveOpenLoop`] | drives the motors where there are no encoders, in place of `WheelSpeed` | motors |
 //! | [`BatteryMonitor`] | watches the battery | battery input |
@@ -55,7 +55,7 @@ mod drive_distance;
 mod drive_open_loop;
 mod follow_line;
 mod follow_wall;
-#[cfg(feature = "all-behaviours")]
+#[cfg(feature = "behaviours")]
 mod global_position;
 #[cfg(feature = "imu")]
 mod gyro;
@@ -65,13 +65,13 @@ mod line_sensor;
 mod link_monitor;
 mod logger;
 mod odometry;
-#[cfg(feature = "all-behaviours")]
+#[cfg(feature = "behaviours")]
 mod position;
 mod proximity_monitor;
 mod ramp;
 mod round_corner;
 mod sector_monitor;
-#[cfg(feature = "all-behaviours")]
+#[cfg(feature = "behaviours")]
 mod set_position;
 mod slot_monitor;
 mod sonar_array;
@@ -92,7 +92,7 @@ pub use drive_distance::DriveDistance;
 pub use drive_open_loop::DriveOpenLoop;
 pub use follow_line::FollowLine;
 pub use follow_wall::FollowWall;
-#[cfg(feature = "all-behaviours")]
+#[cfg(feature = "behaviours")]
 pub use global_position::GlobalPosition;
 #[cfg(feature = "imu")]
 pub use gyro::Gyro;
@@ -102,13 +102,13 @@ pub use line_sensor::LineSensor;
 pub use link_monitor::LinkMonitor;
 pub use logger::Logger;
 pub use odometry::Odometry;
-#[cfg(feature = "all-behaviours")]
+#[cfg(feature = "behaviours")]
 pub use position::{Asking, CorrectionState, GlobalPose, NotCorrected};
 pub use proximity_monitor::ProximityMonitor;
 pub use ramp::{Ramp, RampLimits};
 pub use round_corner::RoundCorner;
 pub use sector_monitor::SectorMonitor;
-#[cfg(feature = "all-behaviours")]
+#[cfg(feature = "behaviours")]
 pub use set_position::{CorrectPosition, SetPosition};
 pub use slot_monitor::SlotMonitor;
 pub use sonar_array::SonarArray;
