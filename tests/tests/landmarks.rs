@@ -27,6 +27,7 @@ fn driven(script: &str, world: World, seed: u64, until_s: u64) -> BodyPose {
         by_hand: ByHand {
             script: reading.script.map(|script| (BEGINS_US, script)),
             driven: Vec::new(),
+            placed: Vec::new(),
         },
         ..host_drive::plan(&root().join("missions/by_hand.esm"), world)
     });

@@ -22,12 +22,17 @@ use heapless::Vec;
 
 const _: () = assert!(MAX_ENTRIES == MAX_BEHAVIOURS + 1);
 
+/// How many behaviours the link and the script can have on the list at once, each with its law:
+/// they take 400 bytes of RAM each. Those of task states bring their own.
+pub const MAX_INSERTED: usize = 5;
+const _: () = assert!(MAX_INSERTED <= MAX_BEHAVIOURS);
+
 /// Owns the list: makes it, takes off whose task state was left, and passes on what the behaviour
 /// that executes asks for. Where nobody does, the robot stands still. It executes those itself that
 /// the link or a script has inserted: whatever is in its [`Repertoire`].
 #[derive(Debug)]
 pub struct Behaviours<R = ShippedLaws> {
-    inserted: [Option<Inserted<R>>; MAX_BEHAVIOURS],
+    inserted: [Option<Inserted<R>>; MAX_INSERTED],
     remote: Option<RemoteControl>,
     script: Script,
     landmarks: Landmarks,
@@ -37,7 +42,7 @@ pub struct Behaviours<R = ShippedLaws> {
 impl<R> Default for Behaviours<R> {
     fn default() -> Self {
         Self {
-            inserted: [const { None }; MAX_BEHAVIOURS],
+            inserted: [const { None }; MAX_INSERTED],
             remote: None,
             script: Script::default(),
             landmarks: Landmarks::NONE,
@@ -190,7 +195,7 @@ impl<R: Repertoire> Behaviours<R> {
         self.remote = remote.filter(|remote| remote.step(list, around));
         self.look_for_landmarks(list, around);
         let mut noticed = false;
-        for place in 0..MAX_BEHAVIOURS {
+        for place in 0..MAX_INSERTED {
             let Some(Some(inserted)) = self.inserted.get_mut(place) else {
                 continue;
             };
@@ -562,7 +567,7 @@ mod tests {
     #[test]
     fn a_full_list_refuses_and_says_so_and_so_does_one_without_a_pose() {
         let mut robot = Robot::new();
-        for _ in 0..MAX_BEHAVIOURS {
+        for _ in 0..MAX_INSERTED {
             robot.inserts(false, ahead());
         }
         let insert = |at_head| ListCommand::Insert {
@@ -572,7 +577,8 @@ mod tests {
         let full = Answer::Refused(LinkError::ListFull);
         assert_eq!(robot.asks(insert(false)), full);
         assert_eq!(robot.asks(insert(true)), full);
-        assert_eq!(robot.drives(AHEAD, 100_000), full);
+        // Who steers by hand has a place of his own.
+        assert_eq!(robot.drives(AHEAD, 100_000), Answer::Done);
         let mut robot = Robot::new();
         robot.bench.take_away(Owner::POSE);
         let lost = Answer::Refused(LinkError::NoBehaviours);

@@ -87,7 +87,7 @@ pub use crate::declaration::Params;
 pub use along_wall::{AlongWall, AlongWallLaw};
 pub use approach::{Approach, ApproachLaw};
 pub use dock::{Dock, DockLaw};
-pub use executive::Behaviours;
+pub use executive::{Behaviours, MAX_INSERTED};
 pub use follow_corridor::{FollowCorridor, FollowCorridorLaw};
 pub use follow_object::{FollowObject, FollowObjectLaw};
 pub use go_to::{GoTo, GoToLaw};

@@ -83,9 +83,9 @@ fn turn_of(angle_rad: f32) -> u32 {
     /// The exponent that an `f32` stores for an angle of so many bits without a point.
     const WHOLE: u32 = f32::MAX_EXP.unsigned_abs() - 1 + MANTISSA_BITS;
     let bits = angle_rad.to_bits();
-    let exponent = bits >> MANTISSA_BITS & 0xff;
-    let mantissa = u64::from(bits & ((1 << MANTISSA_BITS) - 1) | 1 << MANTISSA_BITS);
-    let turned = mantissa * PER_RAD.0 + (mantissa * PER_RAD.1 >> 32);
+    let exponent = (bits >> MANTISSA_BITS) & 0xff;
+    let mantissa = u64::from((bits & ((1 << MANTISSA_BITS) - 1)) | (1 << MANTISSA_BITS));
+    let turned = mantissa * PER_RAD.0 + ((mantissa * PER_RAD.1) >> 32);
     let turned = if exponent > WHOLE {
         turned.checked_shl(exponent - WHOLE)
     } else {
