@@ -65,7 +65,7 @@ pub enum Event {
         key: u16,
         /// As above.
         task: u16,
-        /// The number of a [`Situation`](crate::behaviours::Situation), [`SAFETY_CHECK`] or
+        /// The number of a [`Situation`], [`SAFETY_CHECK`] or
         /// [`OWN_SITUATION`].
         situation: u8,
         /// What was done: [`Reaction::kind`](crate::behaviours::Reaction::kind).

@@ -310,7 +310,7 @@ mod tests {
             key: 2,
             task: 3,
             situation: SAFETY_CHECK,
-            reaction: 31,
+            reaction: 15,
         },
         Event::PoseX {
             x_mm: -8_388_608,

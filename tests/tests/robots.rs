@@ -283,7 +283,7 @@ fn slots_that_both_missions_have_go_on_or_are_told_before_anything_is_sent() {
 }
 
 /// The tasks that the emulated board's firmware has only where it is built with them.
-const BEHAVIOURS: [&str; 19] = [
+const BEHAVIOURS: [&str; 23] = [
     "Behaviours",
     "Move",
     "TurnTo",
@@ -294,6 +294,10 @@ const BEHAVIOURS: [&str; 19] = [
     "Wander",
     "Approach",
     "FollowObject",
+    "Dock",
+    "GlobalPosition",
+    "SetPosition",
+    "CorrectPosition",
     "OutsideRange",
     "Stuck",
     "SensorLost",

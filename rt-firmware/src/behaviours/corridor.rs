@@ -82,16 +82,18 @@ impl Fit {
             Side::Left => [Bearing::AheadLeft, Bearing::Left, Bearing::BehindLeft],
             Side::Right => [Bearing::AheadRight, Bearing::Right, Bearing::BehindRight],
         };
-        let seen = |bearing, part| {
-            let range_m = ranges.free_m(bearing);
-            let is_known = range_m > 0.0 && range_m < Ranges::FAR_M;
+        // Where no sonar looks it is far, and not known.
+        let looks = [ahead, beside, behind].map(|bearing| ranges.seen_m(bearing));
+        let seen = |place: usize, part| {
+            let is_known = |range_m: &f32| *range_m > 0.0 && *range_m < Ranges::FAR_M;
             // Who sees nothing agrees with nobody.
-            is_known.then(|| heading.wall_m(side, part, range_m))
+            let range_m = looks.get(place).copied().flatten().filter(is_known)?;
+            Some(heading.wall_m(side, part, range_m))
         };
         let seen = [
-            seen(ahead, Part::Ahead),
-            seen(beside, Part::Beside),
-            seen(behind, Part::Behind),
+            seen(0, Part::Ahead),
+            seen(1, Part::Beside),
+            seen(2, Part::Behind),
         ];
         let distance_m = match seen {
             [Some(a), Some(b), Some(c)] => a.min(b).max(a.max(b).min(c)),
@@ -105,24 +107,20 @@ impl Fit {
             distance_m,
             ..Self::default()
         };
-        for (bearing, wall_m) in [ahead, beside, behind].into_iter().zip(seen) {
-            // Where no sonar looks it is far, and not known.
-            let is_there = ranges.free_unless_seen_m(bearing) <= ranges.free_m(bearing);
+        for (look, wall_m) in looks.into_iter().zip(seen) {
             let off_m = wall_m.map_or(MOST_COST_M, |wall_m| (wall_m - distance_m).abs());
             fit.cost_m += off_m.min(MOST_COST_M);
-            fit.sonars += u8::from(is_there);
+            fit.sonars += u8::from(look.is_some());
             fit.agreed += u8::from(off_m < AGREED_M);
         }
         fit
     }
 }
 
-/// The search for a corridor: one direction in two steps, one for each side.
+/// The search for a corridor: one direction in each step.
 #[derive(Clone, Copy, Debug, Default)]
 struct Search {
     tried: u8,
-    /// The left wall in the direction that is tried; none before the first of its two steps.
-    left: Option<Fit>,
     /// The direction that the robot believes in, in the local frame.
     believed_rad: f32,
     best: Option<Candidate>,
@@ -139,18 +137,15 @@ struct Candidate {
 }
 
 impl Search {
-    /// Tries the next direction, or the other side of it. Returns the best one when all are tried.
+    /// Tries the next direction. Returns the best one when all are tried.
     fn step(&mut self, pose: &Pose, believed_rad: f32, ranges: &Ranges) -> Option<Candidate> {
-        if self.tried == 0 && self.left.is_none() {
+        if self.tried == 0 {
             self.believed_rad = believed_rad;
         }
         let off_rad = TRIED_FIRST_RAD + TRIED_STEP_RAD * f32::from(self.tried);
         let axis_rad = self.believed_rad + off_rad;
         let heading = Heading::new(pose.heading_rad - axis_rad);
-        let Some(left) = self.left.take() else {
-            self.left = Some(Fit::of(Side::Left, heading, ranges));
-            return None;
-        };
+        let left = Fit::of(Side::Left, heading, ranges);
         let right = Fit::of(Side::Right, heading, ranges);
         let candidate = Candidate {
             axis_rad,

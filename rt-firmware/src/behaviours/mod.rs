@@ -74,7 +74,7 @@ mod shipped;
 mod shipped_situations;
 pub mod situation;
 mod situation_runner;
-pub(crate) mod told;
+mod told;
 mod turn_rate;
 mod turn_to;
 mod wander;

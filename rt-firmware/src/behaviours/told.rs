@@ -3,8 +3,7 @@
 use heapless::Vec;
 
 use super::list::{BehaviourList, Key, MAX_BEHAVIOURS};
-use crate::tasks::Pose;
-use esm_link::black_box::{Event, PoseFrame};
+use esm_link::black_box::Event;
 
 /// Changes that are told in one activation. What is more is told in the next: a list that is given
 /// up at once takes three. A behaviour that comes and goes between two looks of the list's owner is
@@ -84,26 +83,6 @@ fn event(told: &Told, from: Option<u8>, to: Option<u8>) -> Event {
     }
 }
 
-/// Where the robot is: two events, for one has no room for it.
-pub(crate) fn pose_events(pose: &Pose, frame: PoseFrame) -> [Event; 2] {
-    const PER_M: f32 = 1_000.0;
-    // Rounded to the nearest; too large a number becomes the greatest one, and no number 0.
-    let thousandths = |value: f32| {
-        let scaled = value * PER_M;
-        (scaled + 0.5_f32.copysign(scaled)) as i32
-    };
-    [
-        Event::PoseX {
-            x_mm: thousandths(pose.x_m),
-            heading_mrad: thousandths(pose.heading_rad) as i16,
-        },
-        Event::PoseY {
-            y_mm: thousandths(pose.y_m),
-            frame,
-        },
-    ]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -155,25 +134,5 @@ mod tests {
         });
         assert!(are_new, "{all:?}");
         assert!(told.changes(&list).is_empty());
-    }
-
-    #[test]
-    fn a_pose_is_told_to_the_millimetre() {
-        let pose = Pose {
-            x_m: -1.234_6,
-            y_m: 999.999_9,
-            heading_rad: -2.999_7,
-        };
-        let expected = [
-            Event::PoseX {
-                x_mm: -1_235,
-                heading_mrad: -3_000,
-            },
-            Event::PoseY {
-                y_mm: 1_000_000,
-                frame: PoseFrame::Counted,
-            },
-        ];
-        assert_eq!(pose_events(&pose, PoseFrame::Counted), expected);
     }
 }

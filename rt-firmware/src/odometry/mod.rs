@@ -6,6 +6,7 @@
 //! | `arc` | the arc that a robot drives from one look at its wheels to the next |
 //! | `frame` | [`Frame`], places seen from each other, and [`Pose`], which is one |
 //! | `global` | [`GlobalFrame`], in which the robot can be told where it is |
+//! | `records` | a pose as the flight recorder keeps it |
 //! | `uncertainty` | [`Uncertainty`], how far a pose may be off |
 //!
 //! In `f32`: a step of a fraction of a millimetre is lost only tens of kilometres from the start,
@@ -19,10 +20,12 @@ mod angle;
 mod arc;
 mod frame;
 mod global;
+mod records;
 mod uncertainty;
 
 pub(crate) use angle::sine_and_cosine;
 pub use angle::wrapped_rad;
 pub use frame::{Frame, LocalFrame, Pose};
 pub use global::{GlobalFrame, OutsideBounds};
+pub(crate) use records::pose_events;
 pub use uncertainty::Uncertainty;

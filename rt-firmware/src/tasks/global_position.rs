@@ -1,8 +1,8 @@
 //! Says where the robot is in the global frame.
 
 use super::position::{CorrectionState, GlobalPose};
-use crate::behaviours::told::pose_events;
 use crate::list_command::Answer;
+use crate::odometry::pose_events;
 use crate::odometry::{Frame, GlobalFrame, OutsideBounds, Pose};
 use crate::ports::Io;
 use crate::task;

@@ -381,6 +381,11 @@ impl Ranges {
         self.towards_m(Bearings::of(&[bearing])).unwrap_or(0.0)
     }
 
+    /// The range in a direction, 0 if it is not known; none where no sonar looks there.
+    pub(crate) fn seen_m(&self, bearing: Bearing) -> Option<f32> {
+        self.towards_m(Bearings::of(&[bearing]))
+    }
+
     /// As [`free_m`](Self::free_m), but far where no sonar looks there: for directions in which a
     /// robot can do without one. A sonar that is there and does not know is still no free way.
     pub fn free_unless_seen_m(&self, bearing: Bearing) -> f32 {
