@@ -10,8 +10,6 @@ use serde::{Deserialize, Serialize};
 pub const MAX_CALL_PARAMS: usize = 8;
 /// Bytes of a parameter in a [`Call`].
 pub const PARAM_BYTES: usize = 4;
-/// Bytes of [`BehaviourRequest::Position`].
-pub const POSITION_BYTES: usize = 13;
 /// How many situations are watched beside a behaviour at most, besides those that always are.
 pub const MAX_WATCHES: usize = 3;
 /// Bytes of a watched situation in a [`Call`].
@@ -79,9 +77,8 @@ pub enum BehaviourRequest<'a> {
     /// there, seen from there. The task `GlobalPosition` takes it; what is on the list goes on as
     /// if nothing had happened.
     Position {
-        /// [`POSITION_BYTES`]: 1 for a difference, otherwise 0; then the bits of x (ahead) and y
-        /// (to the left) in metres and of the heading in radians, little endian.
-        /// [`position`](crate::position) has the bounds.
+        /// [`POSITION_BYTES`](crate::position::POSITION_BYTES), as
+        /// [`Correction::to_bytes`](crate::position::Correction::to_bytes) makes them.
         position: &'a [u8],
     },
 }

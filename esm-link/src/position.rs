@@ -12,6 +12,10 @@ pub const MAX_CORRECTION_M: f32 = 1.0;
 /// wall is taken for the one at a right angle to it.
 pub const MAX_CORRECTION_RAD: f32 = 0.6;
 
+/// Bytes of what a robot is told of its position.
+pub const POSITION_BYTES: usize = 1 + 3 * VALUE_BYTES;
+const VALUE_BYTES: usize = 4;
+
 /// What a robot is told of its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Correction {
@@ -31,6 +35,33 @@ impl Correction {
         // NaN is within nothing.
         let is_within = |value: f32, most: f32| (-most..=most).contains(&value);
         is_within(x_m, most_m) && is_within(y_m, most_m) && is_within(heading_rad, most_rad)
+    }
+
+    /// The bytes of such a message: 1 for a difference, otherwise 0; then the bits of x (ahead) and
+    /// y (to the left) in metres and of the heading in radians, little endian.
+    pub fn to_bytes(self, values: [f32; 3]) -> [u8; POSITION_BYTES] {
+        let mut bytes = [0; POSITION_BYTES];
+        let (is_difference, rest) = bytes.split_at_mut(1);
+        is_difference.fill(u8::from(self == Self::Difference));
+        for (place, value) in rest.chunks_exact_mut(VALUE_BYTES).zip(values) {
+            place.copy_from_slice(&value.to_le_bytes());
+        }
+        bytes
+    }
+
+    /// Reads them: what it is, and x, y and heading, which may be beyond
+    /// [its bounds](Self::allows). None where they are none.
+    pub fn of_bytes(bytes: &[u8]) -> Option<(Self, [f32; 3])> {
+        let (&[is_difference], values) = bytes.split_first_chunk()?;
+        let (&[x_m, y_m, heading_rad], []) = values.as_chunks::<VALUE_BYTES>() else {
+            return None;
+        };
+        let correction = match is_difference {
+            0 => Self::Set,
+            1 => Self::Difference,
+            _ => return None,
+        };
+        Some((correction, [x_m, y_m, heading_rad].map(f32::from_le_bytes)))
     }
 }
 
@@ -55,5 +86,21 @@ mod tests {
         ] {
             assert_eq!(correction.allows(x_m, y_m, heading_rad), is_allowed);
         }
+    }
+
+    #[test]
+    fn bytes_read_back_and_others_are_none() {
+        let values = [1.5, -0.25, 3.0];
+        for correction in [Correction::Set, Correction::Difference] {
+            let bytes = correction.to_bytes(values);
+            assert_eq!(Correction::of_bytes(&bytes), Some((correction, values)));
+            for short in 0..POSITION_BYTES {
+                assert_eq!(Correction::of_bytes(&bytes[..short]), None);
+            }
+            let mut bad = bytes;
+            bad[0] = 2;
+            assert_eq!(Correction::of_bytes(&bad), None);
+        }
+        assert_eq!(Correction::of_bytes(&[0; POSITION_BYTES + 1]), None);
     }
 }

@@ -452,8 +452,7 @@ impl<T: Task, const N: usize> TaskPool<T, N> {
         }
     }
 
-    /// A bank of tasks that are made in their places: a large one is not moved there over the
-    /// stack.
+    /// A bank of tasks that this makes, one after the other.
     pub fn from_fn(mut make: impl FnMut() -> T) -> Self {
         TaskPool {
             places: core::array::from_fn(|_| Place {
@@ -783,6 +782,10 @@ impl<'a> Io<'a> {
 
     /// Where the robot is, or how far off, as the link says. Who asks is known to be there from now
     /// on.
+    #[cfg_attr(
+        not(feature = "behaviours"),
+        expect(dead_code, reason = "who takes it comes with behaviours")
+    )]
     pub(crate) fn take_position(&mut self) -> Option<(Correction, Pose)> {
         self.state.behaviours.take_position(self.state.robot_us)
     }

@@ -37,6 +37,20 @@ impl ApproachLaw {
         let left_m = ahead_m - distance_m;
         (left_m > 0.0).then(|| (left_m * SPEED_PER_M).clamp(SLOW_M_PER_S, most_m_per_s))
     }
+
+    /// How to drive at this speed along the line ahead of where the behaviour began.
+    pub fn twist(pose: &Pose, forward_m_per_s: f32) -> Twist {
+        let line = OnTrack {
+            along_m: pose.x_m,
+            left_m: pose.y_m,
+            turned_rad: pose.heading_rad,
+        };
+        let turn_rad_per_s = line.back_on_rad_per_s(false);
+        Twist {
+            forward_m_per_s,
+            turn_rad_per_s: turn_rad_per_s.clamp(-TURN_MOST_RAD_PER_S, TURN_MOST_RAD_PER_S),
+        }
+    }
 }
 
 impl Behaviour for ApproachLaw {
@@ -50,16 +64,7 @@ impl Behaviour for ApproachLaw {
         let Some(forward_m_per_s) = Self::speed_m_per_s(ahead_m, distance_m, most_m_per_s) else {
             return Control::Done;
         };
-        let line = OnTrack {
-            along_m: scene.pose.x_m,
-            left_m: scene.pose.y_m,
-            turned_rad: scene.pose.heading_rad,
-        };
-        let turn_rad_per_s = line.back_on_rad_per_s(false);
-        Control::Move(Twist {
-            forward_m_per_s,
-            turn_rad_per_s: turn_rad_per_s.clamp(-TURN_MOST_RAD_PER_S, TURN_MOST_RAD_PER_S),
-        })
+        Control::Move(Self::twist(&scene.pose, forward_m_per_s))
     }
 }
 

@@ -84,17 +84,13 @@ impl Fit {
         };
         // Where no sonar looks it is far, and not known.
         let looks = [ahead, beside, behind].map(|bearing| ranges.seen_m(bearing));
-        let seen = |place: usize, part| {
-            let is_known = |range_m: &f32| *range_m > 0.0 && *range_m < Ranges::FAR_M;
+        let parts = [Part::Ahead, Part::Beside, Part::Behind];
+        let mut seen = [None; 3];
+        for ((seen, look), part) in seen.iter_mut().zip(looks).zip(parts) {
             // Who sees nothing agrees with nobody.
-            let range_m = looks.get(place).copied().flatten().filter(is_known)?;
-            Some(heading.wall_m(side, part, range_m))
-        };
-        let seen = [
-            seen(0, Part::Ahead),
-            seen(1, Part::Beside),
-            seen(2, Part::Behind),
-        ];
+            let is_known = |range_m: &f32| *range_m > 0.0 && *range_m < Ranges::FAR_M;
+            *seen = (look.filter(is_known)).map(|range_m| heading.wall_m(side, part, range_m));
+        }
         let distance_m = match seen {
             [Some(a), Some(b), Some(c)] => a.min(b).max(a.max(b).min(c)),
             [Some(a), Some(b), None] | [Some(a), None, Some(b)] | [None, Some(a), Some(b)] => {

@@ -6,7 +6,7 @@ use super::list::BehaviourList;
 use super::situation::SafetyCheck;
 use crate::behaviour;
 use crate::declaration::Params;
-use crate::tasks::{OnTrack, Pose, Ranges, Twist};
+use crate::tasks::{Pose, Ranges, Twist};
 
 /// What is so far from where the dock is expected is not the dock, in metres: noise of a sonar, and
 /// what odometry is wrong by after some metres.
@@ -14,8 +14,6 @@ const OFF_M: f32 = 0.15;
 /// Nearer than this the robot comes to what is the dock, and to nothing else, in metres from its
 /// rim.
 const LAST_M: f32 = 0.45;
-/// The fastest turn back to the line ahead, in radians per second.
-const TURN_MOST_RAD_PER_S: f32 = 0.5;
 
 /// Drives straight ahead to a dock that stands at a known distance, slower as it comes near, and
 /// ends just before it, or as it touches it. Only the dock it comes so near to: before all else it
@@ -90,17 +88,9 @@ impl Behaviour for DockLaw {
         if speed.is_none() && seen.is_dock() {
             return Control::Done;
         }
-        let line = OnTrack {
-            along_m: scene.pose.x_m,
-            left_m: scene.pose.y_m,
-            turned_rad: scene.pose.heading_rad,
-        };
-        let turn_rad_per_s = line.back_on_rad_per_s(false);
-        Control::Move(Twist {
-            // So near something else, the safety check has it wait.
-            forward_m_per_s: speed.unwrap_or(most_m_per_s),
-            turn_rad_per_s: turn_rad_per_s.clamp(-TURN_MOST_RAD_PER_S, TURN_MOST_RAD_PER_S),
-        })
+        // So near something else, the safety check has it wait.
+        let forward_m_per_s = speed.unwrap_or(most_m_per_s);
+        Control::Move(ApproachLaw::twist(&scene.pose, forward_m_per_s))
     }
 }
 

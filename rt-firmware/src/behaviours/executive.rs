@@ -8,9 +8,10 @@ use super::remote_control::RemoteControl;
 use super::repertoire::Repertoire;
 use super::script::{Script, StepEnd};
 use super::shipped::ShippedLaws;
-use super::told::ToldList;
+use super::told::{MAX_CHANGES, ToldList};
 use crate::features::NOTES;
 use crate::list_command::{Answer, Call, ListCommand, MAX_ENTRIES, Report};
+use crate::notes::MAX_NOTES;
 use crate::odometry::pose_events;
 use crate::ports::Io;
 use crate::task;
@@ -90,6 +91,9 @@ task! {
 
 /// Situations that are told of one activation: one for each behaviour, and one that each has.
 const MAX_CAME_UP: usize = MAX_BEHAVIOURS + 1;
+
+/// Those, the changes of the list, and a pose are all that is noted in one activation.
+const _: () = assert!(MAX_CAME_UP + MAX_CHANGES + 2 <= MAX_NOTES);
 
 struct Situations(Vec<Event, MAX_CAME_UP>);
 
@@ -491,6 +495,24 @@ mod tests {
             (report.script.state, entries.collect())
         }
 
+        /// A script whose first `steps` are its own, and the others what its situations insert.
+        fn takes_script(&mut self, script: u32, steps: u8, calls: &[Call]) {
+            for (index, call) in (0..).zip(calls.iter().copied()) {
+                let step = ListCommand::Step {
+                    script,
+                    index,
+                    call,
+                };
+                assert_eq!(self.asks(step), Answer::Done);
+            }
+            let run = ListCommand::Run {
+                script,
+                steps,
+                all: calls.len() as u8,
+            };
+            assert_eq!(self.asks(run), Answer::Done);
+        }
+
         fn drives(&mut self, twist: Twist, for_us: u64) -> Answer {
             self.asks(ListCommand::Drive {
                 forward_m_per_s: twist.forward_m_per_s,
@@ -718,20 +740,7 @@ mod tests {
     fn with_situation(reaction: Reaction) -> Robot {
         let mut robot = Robot::new();
         let step = watched(go_to(5.0), Situation::OutsideRange, 2.0, reaction);
-        for (index, call) in [(0, step), (1, turn())] {
-            let step = ListCommand::Step {
-                script: 1,
-                index,
-                call,
-            };
-            assert_eq!(robot.asks(step), Answer::Done);
-        }
-        let run = ListCommand::Run {
-            script: 1,
-            steps: 1,
-            all: 2,
-        };
-        assert_eq!(robot.asks(run), Answer::Done);
+        robot.takes_script(1, 1, &[step, turn()]);
         assert!(robot.moves().forward_m_per_s > 0.0);
         robot.is_at(Pose {
             x_m: 2.1,
@@ -809,20 +818,7 @@ mod tests {
                 value: 0.0,
                 reaction,
             });
-            for (index, call) in (0..).zip([first, turn(), go_to(1.0)]) {
-                let step = ListCommand::Step {
-                    script: 3,
-                    index,
-                    call,
-                };
-                assert_eq!(robot.asks(step), Answer::Done);
-            }
-            let run = ListCommand::Run {
-                script: 3,
-                steps: 3,
-                all: 3,
-            };
-            assert_eq!(robot.asks(run), Answer::Done);
+            robot.takes_script(3, 3, &[first, turn(), go_to(1.0)]);
             robot.moves();
             // A situation of the mission cancels it.
             let mut list: BehaviourList = robot.bench.output(Owner::LIST).unwrap();
@@ -849,20 +845,7 @@ mod tests {
             value: 0.5,
             reaction: Reaction::GoOn(1),
         });
-        for (index, call) in (0..).zip([first, go_to(1.0)]) {
-            let step = ListCommand::Step {
-                script: 3,
-                index,
-                call,
-            };
-            assert_eq!(robot.asks(step), Answer::Done);
-        }
-        let run = ListCommand::Run {
-            script: 3,
-            steps: 2,
-            all: 2,
-        };
-        assert_eq!(robot.asks(run), Answer::Done);
+        robot.takes_script(3, 2, &[first, go_to(1.0)]);
         let turns = (0..100).take_while(|_| robot.moves().forward_m_per_s <= 0.0);
         let turns = turns.count();
         assert!((22..=27).contains(&turns), "{turns} activations of 20 ms");

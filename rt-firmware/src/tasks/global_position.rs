@@ -2,8 +2,7 @@
 
 use super::position::{CorrectionState, GlobalPose};
 use crate::list_command::Answer;
-use crate::odometry::pose_events;
-use crate::odometry::{Frame, GlobalFrame, OutsideBounds, Pose};
+use crate::odometry::{Frame, GlobalFrame, OutsideBounds, Pose, pose_events};
 use crate::ports::Io;
 use crate::task;
 use crate::task::{Step, Task};

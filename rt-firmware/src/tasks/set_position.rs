@@ -4,7 +4,7 @@ use super::position::{Asking, GlobalPose};
 use crate::odometry::Frame;
 use crate::ports::Io;
 use crate::task;
-use crate::task::{OptInOut, OutFlag, Step, Task};
+use crate::task::{OptInOut, OutFlag, Param, Step, Task};
 use esm_link::position::Correction;
 
 /// Sets the global position once, and ends when it is so.
@@ -65,6 +65,15 @@ task! {
     }
 }
 
+/// What the parameters of a task say.
+fn frame(io: &Io<'_>, x_m: Param<f32>, y_m: Param<f32>, heading_rad: Param<f32>) -> Frame {
+    Frame {
+        x_m: io.param(x_m),
+        y_m: io.param(y_m),
+        heading_rad: io.param(heading_rad),
+    }
+}
+
 /// Asks until it is so.
 fn step(
     asking: &mut Asking,
@@ -88,11 +97,7 @@ impl Task for SetPosition {
     }
 
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let pose = Frame {
-            x_m: io.param(Self::X_M),
-            y_m: io.param(Self::Y_M),
-            heading_rad: io.param(Self::HEADING_RAD),
-        };
+        let pose = frame(io, Self::X_M, Self::Y_M, Self::HEADING_RAD);
         let asking = (self.0).get_or_insert(Asking::new(Correction::Set, pose));
         step(asking, io, Self::GLOBAL, Self::FAILED)
     }
@@ -104,11 +109,7 @@ impl Task for CorrectPosition {
     }
 
     fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let by = Frame {
-            x_m: io.param(Self::X_M),
-            y_m: io.param(Self::Y_M),
-            heading_rad: io.param(Self::HEADING_RAD),
-        };
+        let by = frame(io, Self::X_M, Self::Y_M, Self::HEADING_RAD);
         let asking = (self.0).get_or_insert(Asking::new(Correction::Difference, by));
         step(asking, io, Self::GLOBAL, Self::FAILED)
     }

@@ -378,7 +378,7 @@ impl Ranges {
     /// Free way there, as far as it is known: 0 where a sonar that looks there does not know, and
     /// where none looks there.
     pub fn free_m(&self, bearing: Bearing) -> f32 {
-        self.towards_m(Bearings::of(&[bearing])).unwrap_or(0.0)
+        self.seen_m(bearing).unwrap_or(0.0)
     }
 
     /// The range in a direction, 0 if it is not known; none where no sonar looks there.
@@ -389,8 +389,7 @@ impl Ranges {
     /// As [`free_m`](Self::free_m), but far where no sonar looks there: for directions in which a
     /// robot can do without one. A sonar that is there and does not know is still no free way.
     pub fn free_unless_seen_m(&self, bearing: Bearing) -> f32 {
-        self.towards_m(Bearings::of(&[bearing]))
-            .unwrap_or(Self::FAR_M)
+        self.seen_m(bearing).unwrap_or(Self::FAR_M)
     }
 
     /// Free way in a sector: the least range of the sonars that look there. 0 where one of them

@@ -93,10 +93,7 @@ impl<L: ByteLink> LinkClient<L> {
         correction: Correction,
         by: Pose,
     ) -> Result<(), ClientError> {
-        let mut position = vec![u8::from(correction == Correction::Difference)];
-        for value in [by.x_m, by.y_m, by.heading_rad] {
-            position.extend(value.to_le_bytes());
-        }
+        let position = correction.to_bytes([by.x_m, by.y_m, by.heading_rad]);
         let request = BehaviourRequest::Position {
             position: &position,
         };

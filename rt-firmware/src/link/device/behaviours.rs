@@ -78,16 +78,8 @@ fn command_of(
 
 /// A position or a correction that is one, within its bounds.
 fn checked_position(position: &[u8]) -> Result<ListCommand, LinkError> {
-    let (&[is_difference], pose) = position.split_first_chunk().ok_or(LinkError::Malformed)?;
-    let (&[x_m, y_m, heading_rad], []) = pose.as_chunks::<PARAM_BYTES>() else {
-        return Err(LinkError::Malformed);
-    };
-    let [x_m, y_m, heading_rad] = [x_m, y_m, heading_rad].map(f32::from_le_bytes);
-    let correction = match is_difference {
-        0 => Correction::Set,
-        1 => Correction::Difference,
-        _ => return Err(LinkError::Malformed),
-    };
+    let (correction, [x_m, y_m, heading_rad]) =
+        Correction::of_bytes(position).ok_or(LinkError::Malformed)?;
     if !correction.allows(x_m, y_m, heading_rad) {
         return Err(LinkError::PositionOutside);
     }
