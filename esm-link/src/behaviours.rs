@@ -184,7 +184,7 @@ impl Situation {
     pub const fn takes(self, reaction: Reaction) -> bool {
         let follows = matches!(
             reaction,
-            Reaction::Cancel | Reaction::EndScript | Reaction::GoOn(_)
+            Reaction::Cancel | Reaction::EndScript | Reaction::GoOn(_) | Reaction::Replace(_)
         );
         follows || !matches!(self, Self::Failed)
     }
@@ -213,12 +213,17 @@ pub enum Reaction {
     Insert(u8),
     /// The behaviour ends, and the script goes on with this step, which is a later one.
     GoOn(u8),
+    /// The behaviour ends, and this step, which is a later one, takes its place on the list. When
+    /// that one is over, the script goes on behind the step that was replaced.
+    Replace(u8),
 }
 
 /// The number of [`Reaction::Insert`] with the step 0.
 const INSERT: u8 = 16;
 /// The number of [`Reaction::GoOn`] with the step 0.
 const GO_ON: u8 = 32;
+/// The number of [`Reaction::Replace`] with the step 0.
+const REPLACE: u8 = 48;
 
 impl Reaction {
     /// Its number on the link.
@@ -230,6 +235,7 @@ impl Reaction {
             Self::Flag => 3,
             Self::Insert(step) => INSERT + step,
             Self::GoOn(step) => GO_ON + step,
+            Self::Replace(step) => REPLACE + step,
         }
     }
 
@@ -238,7 +244,16 @@ impl Reaction {
         match self {
             Self::Insert(_) => 4,
             Self::GoOn(_) => 5,
+            Self::Replace(_) => 6,
             other => other.number(),
+        }
+    }
+
+    /// The step of a script that it names.
+    pub const fn step(self) -> Option<u8> {
+        match self {
+            Self::Insert(step) | Self::GoOn(step) | Self::Replace(step) => Some(step),
+            Self::Suspend | Self::Cancel | Self::EndScript | Self::Flag => None,
         }
     }
 
@@ -256,7 +271,8 @@ impl Reaction {
                 };
                 return step(INSERT)
                     .map(Self::Insert)
-                    .or_else(|| step(GO_ON).map(Self::GoOn));
+                    .or_else(|| step(GO_ON).map(Self::GoOn))
+                    .or_else(|| step(REPLACE).map(Self::Replace));
             }
         })
     }
@@ -397,6 +413,8 @@ mod tests {
                 Reaction::Insert(15),
                 Reaction::GoOn(0),
                 Reaction::GoOn(15),
+                Reaction::Replace(0),
+                Reaction::Replace(15),
             ] {
                 let watch = Watch {
                     situation,
@@ -417,7 +435,7 @@ mod tests {
             (0, 11),
             (1, 4),
             (1, 15),
-            (1, 48),
+            (1, 64),
             (5, 0x7f),
             (5, 0xff),
             (5, 0xbf),

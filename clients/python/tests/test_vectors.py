@@ -73,7 +73,7 @@ class Messages(unittest.TestCase):
 
     def test_requests_are_encoded_as_the_vectors_say(self):
         chunk = bytes((i * 31 + i // 256) % 256 for i in range(176))
-        watches = b"".join(bytes(numbers) + struct.pack("<f", 0.5) for numbers in ((0, 1), (4, 19)))
+        watches = b"".join(bytes(numbers) + struct.pack("<f", 0.5) for numbers in ((0, 1), (4, 3)))
         call = (2**64 - 1, values.param_bits([0.25, -1.5]), watches)
         requests = {
             "request hello": (messages.HELLO,),

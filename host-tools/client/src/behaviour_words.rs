@@ -44,7 +44,9 @@ pub fn situation(number: u8) -> &'static str {
 
 /// What is done about a situation, as scripts say it.
 pub fn reaction(kind: u8) -> &'static str {
-    const REACTIONS: [&str; 6] = ["suspend", "cancel", "end", "flag", "insert", "go_on"];
+    const REACTIONS: [&str; 7] = [
+        "suspend", "cancel", "end", "flag", "insert", "go_on", "replace",
+    ];
     REACTIONS.get(usize::from(kind)).copied().unwrap_or("?")
 }
 

@@ -1,6 +1,6 @@
 //! The owner of the list of behaviours.
 
-use super::inserted::{Inserted, Surroundings};
+use super::inserted::{At, Inserted, Surroundings};
 use super::landmarks::Landmarks;
 use super::list::{BehaviourList, Key, MAX_BEHAVIOURS};
 use super::place::Turn;
@@ -87,6 +87,15 @@ task! {
             out script;
         }
     }
+}
+
+/// What follows one that has left the list.
+#[derive(Clone, Copy, Debug)]
+enum Follows {
+    /// The next step of its script, or none.
+    Step(StepEnd),
+    /// A step that takes its place, and is held where that was.
+    Replacement { step: u8, at: At, is_held: bool },
 }
 
 /// Situations that are told of one activation: one for each behaviour, and one that each has.
@@ -206,6 +215,8 @@ impl<R: Repertoire> Behaviours<R> {
             };
             let (key, origin, task) = (inserted.key, inserted.origin, inserted.task);
             let when_failed = inserted.when_failed();
+            let at = At::Place(list.place_of(key).unwrap_or(0));
+            let is_held = list.is_held(key);
             let (turn, reactions) = inserted.step(list, around, &self.landmarks);
             for (situation, reaction) in reactions.came_up.into_iter().flatten() {
                 came_up.note(key, task, situation as u8, reaction);
@@ -215,21 +226,24 @@ impl<R: Repertoire> Behaviours<R> {
                 self.end_script(list);
             }
             if let Turn::Ends { failed } = turn {
-                let end = match (reactions.go_on, when_failed) {
-                    (Some(step), _) => StepEnd::GoOn(step),
-                    (None, _) if !failed => StepEnd::Done,
-                    (None, Reaction::Cancel) => StepEnd::Done,
-                    (None, Reaction::GoOn(step)) => StepEnd::GoOn(step),
-                    (None, _) => StepEnd::Failed,
+                let replace = |step| Follows::Replacement { step, at, is_held };
+                let follows = match (reactions.go_on, reactions.replace, when_failed) {
+                    (Some(step), _, _) => Follows::Step(StepEnd::GoOn(step)),
+                    (None, Some(step), _) => replace(step),
+                    _ if !failed => Follows::Step(StepEnd::Done),
+                    (None, None, Reaction::Cancel) => Follows::Step(StepEnd::Done),
+                    (None, None, Reaction::GoOn(step)) => Follows::Step(StepEnd::GoOn(step)),
+                    (None, None, Reaction::Replace(step)) => replace(step),
+                    _ => Follows::Step(StepEnd::Failed),
                 };
-                self.forget(key, end);
+                self.follow(list, key, follows, around);
             }
             // Where there is no room, the behaviour goes on as if nothing were.
             if let Some(step) = reactions.insert
                 && origin == Origin::Script
                 && let Some(call) = self.script.call(step)
             {
-                let _ = self.insert(list, &call, Origin::Script, true, around.pose);
+                let _ = self.insert(list, &call, Origin::Script, At::Head, around.pose);
             }
         }
         self.go_on(list, around);
@@ -256,7 +270,7 @@ impl<R: Repertoire> Behaviours<R> {
         let Some(call) = self.script.next() else {
             return;
         };
-        match self.insert(list, &call, Origin::Script, false, around.pose) {
+        match self.insert(list, &call, Origin::Script, At::Tail, around.pose) {
             Ok(key) => self.script.current = Some(key),
             Err(LinkError::ListFull | LinkError::NoBehaviours) => {}
             Err(_) => self.script.end(),
@@ -268,23 +282,56 @@ impl<R: Repertoire> Behaviours<R> {
         list: &mut BehaviourList,
         call: &Call,
         origin: Origin,
-        at_head: bool,
+        at: At,
         pose: Option<Pose>,
     ) -> Result<Key, LinkError> {
         let place = self.inserted.iter_mut().find(|place| place.is_none());
         let place = place.ok_or(LinkError::ListFull)?;
-        let inserted = Inserted::new(list, call, origin, at_head, pose)?;
+        let inserted = Inserted::new(list, call, origin, at, pose)?;
         let key = inserted.key;
         *place = Some(inserted);
         Ok(key)
     }
 
+    /// One has left the list, and this follows it.
+    fn follow(
+        &mut self,
+        list: &mut BehaviourList,
+        key: Key,
+        follows: Follows,
+        around: &Surroundings<'_>,
+    ) {
+        let (step, at, is_held) = match follows {
+            Follows::Step(end) => return self.forget(key, end),
+            Follows::Replacement { step, at, is_held } => (step, at, is_held),
+        };
+        let is_step = self.script.current == Some(key);
+        let inserted = (self.take_off(key))
+            .filter(|origin| *origin == Origin::Script)
+            .and_then(|_| self.script.call(step))
+            .and_then(|call| (self.insert(list, &call, Origin::Script, at, around.pose)).ok());
+        if let Some(key) = inserted {
+            list.hold(key, is_held);
+        }
+        match inserted {
+            Some(_) if is_step => self.script.current = inserted,
+            // Nobody knows where the robot is.
+            None if is_step => self.script.end_step(StepEnd::Failed),
+            _ => {}
+        }
+    }
+
+    /// Gives a place back, and says who had put the behaviour onto the list.
+    fn take_off(&mut self, key: Key) -> Option<Origin> {
+        let is_this = |inserted: &mut Inserted<R>| inserted.key == key;
+        let mut places = self.inserted.iter_mut();
+        let taken = places.find_map(|place| place.take_if(is_this))?;
+        Some(taken.origin)
+    }
+
     /// One that has left the list.
     fn forget(&mut self, key: Key, end: StepEnd) {
-        let is_this = |inserted: &mut Inserted<R>| inserted.key == key;
-        for place in &mut self.inserted {
-            let _ = place.take_if(is_this);
-        }
+        self.take_off(key);
         if self.script.current == Some(key) {
             self.script.end_step(end);
         }
@@ -314,7 +361,8 @@ impl<R: Repertoire> Behaviours<R> {
         let result = match *command {
             ListCommand::Read => return Answer::List(self.report(list)),
             ListCommand::Insert { at_head, ref call } => {
-                let inserted = self.insert(list, call, Origin::Link, at_head, around.pose);
+                let at = if at_head { At::Head } else { At::Tail };
+                let inserted = self.insert(list, call, Origin::Link, at, around.pose);
                 return inserted.map_or_else(Answer::Refused, |key| Answer::Inserted(key.number()));
             }
             ListCommand::Cancel(key) => self.cancel(list, Key::of_number(key)),
@@ -804,12 +852,77 @@ mod tests {
     }
 
     #[test]
+    fn a_step_in_the_place_of_another_executes_there_and_the_script_goes_on_behind_it() {
+        let mut robot = Robot::new();
+        let first = watched(
+            go_to(5.0),
+            Situation::OutsideRange,
+            2.0,
+            Reaction::Replace(2),
+        );
+        robot.takes_script(1, 2, &[first, go_to(0.5), turn()]);
+        // One that waits behind it still does.
+        let waits = robot.inserts(false, ahead());
+        robot.is_at(Pose {
+            x_m: 2.1,
+            ..Pose::START
+        });
+        robot.moves();
+        assert!(robot.moves().turn_rad_per_s > 0.0);
+        let (state, entries) = robot.report();
+        let places = entries.iter().map(|entry| (entry.origin, entry.key));
+        let expected = [(Origin::Script, waits + 1), (Origin::Link, waits)];
+        assert!(places.eq(expected), "{entries:?}");
+        assert_eq!(state, ScriptState::Runs);
+        // Suspended by hand it does not turn, which is one step with what it replaces.
+        assert_eq!(robot.asks(ListCommand::HoldScript(true)), Answer::Done);
+        assert_eq!(robot.moves(), Twist::STILL);
+        assert_eq!(robot.asks(ListCommand::HoldScript(false)), Answer::Done);
+        let turns = (0..40).find(|_| robot.moves().turn_rad_per_s > 0.0);
+        assert!(turns.is_some());
+        assert_eq!(robot.asks(ListCommand::Cancel(waits)), Answer::Done);
+        robot.is_at(Pose {
+            x_m: 2.1,
+            y_m: 0.0,
+            heading_rad: 1.0,
+        });
+        let goes = (0..4).find(|_| robot.moves().forward_m_per_s > 0.0);
+        assert!(goes.is_some(), "the second step");
+        let Answer::List(report) = robot.asks(ListCommand::Read) else {
+            panic!("no list");
+        };
+        assert_eq!((report.script.ended, report.script.steps), (1, 2));
+    }
+
+    #[test]
+    fn what_takes_the_place_of_one_that_is_suspended_by_hand_is_suspended() {
+        let mut robot = with_situation(Reaction::Replace(1));
+        robot.is_at(Pose::START);
+        robot.moves();
+        assert_eq!(robot.asks(ListCommand::HoldScript(true)), Answer::Done);
+        robot.is_at(Pose {
+            x_m: 2.1,
+            ..Pose::START
+        });
+        for _ in 0..100 {
+            assert_eq!(robot.moves(), Twist::STILL);
+        }
+        let (state, entries) = robot.report();
+        assert_eq!((state, entries.len()), (ScriptState::Suspended, 2));
+        assert!(entries[1].is_held, "{entries:?}");
+        assert_eq!(robot.asks(ListCommand::HoldScript(false)), Answer::Done);
+        let turns = (0..40).find(|_| robot.moves().turn_rad_per_s > 0.0);
+        assert!(turns.is_some());
+    }
+
+    #[test]
     fn what_follows_a_step_that_has_failed_is_what_its_situation_says() {
         for (reaction, state, ended) in [
             (None, ScriptState::Ended, 0),
             (Some(Reaction::EndScript), ScriptState::Ended, 0),
             (Some(Reaction::Cancel), ScriptState::Runs, 1),
             (Some(Reaction::GoOn(2)), ScriptState::Runs, 2),
+            (Some(Reaction::Replace(1)), ScriptState::Runs, 0),
         ] {
             let mut robot = Robot::new();
             let mut first = go_to(1.0);
@@ -826,7 +939,8 @@ mod tests {
             robot.bench.give(Owner::LIST, list);
             robot.moves();
             let moves = robot.moves();
-            assert_eq!(moves.turn_rad_per_s > 0.0, ended == 1, "{reaction:?}");
+            let turns = ended == 1 || reaction == Some(Reaction::Replace(1));
+            assert_eq!(moves.turn_rad_per_s > 0.0, turns, "{reaction:?}");
             assert_eq!(moves.forward_m_per_s > 0.0, ended == 2, "{reaction:?}");
             let Answer::List(report) = robot.asks(ListCommand::Read) else {
                 panic!("no list");

@@ -27,6 +27,17 @@ pub(super) struct Surroundings<'a> {
     pub(super) robot_us: u64,
 }
 
+/// Where a behaviour comes onto the list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum At {
+    /// Before the head.
+    Head,
+    /// Behind all others, or before the head where its parameter says so.
+    Tail,
+    /// In the place of one that has left it, counted from the head.
+    Place(usize),
+}
+
 /// A behaviour on the list that its owner executes.
 #[derive(Debug)]
 pub(super) struct Inserted<R> {
@@ -50,14 +61,18 @@ impl<R: Repertoire> Inserted<R> {
         list: &mut BehaviourList,
         call: &Call,
         origin: Origin,
-        at_head: bool,
+        at: At,
         pose: Option<Pose>,
     ) -> Result<Self, LinkError> {
         let mut law = R::of_task(call.task).ok_or(LinkError::NotABehaviour)?;
         let pose = pose.ok_or(LinkError::NoBehaviours)?;
         let task = call.task as u16;
-        let at_head = at_head || call.params.get(law.at_head());
-        let key = (list.insert(at_head, task)).map_err(|_| LinkError::ListFull)?;
+        let key = match at {
+            At::Head => list.insert_at_head(task),
+            At::Tail => list.insert(call.params.get(law.at_head()), task),
+            At::Place(place) => list.insert_at(place, task),
+        };
+        let key = key.map_err(|_| LinkError::ListFull)?;
         Ok(Self {
             key,
             origin,

@@ -184,6 +184,21 @@ impl BehaviourList {
         }
     }
 
+    /// The place of a behaviour on the list, from the head on.
+    pub(super) fn place_of(&self, key: Key) -> Option<usize> {
+        self.place(key)
+    }
+
+    /// Puts a new behaviour into the place of one that has left it.
+    ///
+    /// # Errors
+    /// [`ListFull`]
+    pub(super) fn insert_at(&mut self, place: usize, task: u16) -> Result<Key, ListFull> {
+        let key = self.room_for_one()?;
+        self.put_in(place.min(self.len()), key, task);
+        Ok(key)
+    }
+
     /// Puts IDLE before the head, which is interrupted if it executes: the robot stands still until
     /// [`end`](Self::end) takes IDLE off again. There is always room for it, once: one that another
     /// behaviour was put before leaves its place, and who is behind that looks for itself.

@@ -108,7 +108,8 @@ impl Script {
     ///
     /// # Errors
     /// [`LinkError::NoScript`] where some of them are not there, [`LinkError::NoSituation`] where
-    /// one goes on with a step that is not a later one, [`LinkError::CapacityExceeded`]
+    /// one names a step that is not there, or goes on with one that is not later, or has one in its
+    /// place that is not later, [`LinkError::CapacityExceeded`]
     pub(super) fn run(&mut self, script: u32, steps: u8, all: u8) -> Result<(), LinkError> {
         if usize::from(all) > MAX_SCRIPT_STEPS {
             return Err(too_many(all));
@@ -122,7 +123,7 @@ impl Script {
         let calls = (0..).zip(calls.into_iter().flatten().flatten());
         if !calls
             .into_iter()
-            .all(|(index, call)| leads_on(index, call, steps))
+            .all(|(index, call)| leads_on(index, call, steps, all))
         {
             return Err(LinkError::NoSituation);
         }
@@ -190,12 +191,15 @@ impl Script {
     }
 }
 
-/// Whether a step goes on only with steps behind it, so that each script comes to an end.
-fn leads_on(index: u8, call: &Call, steps: u8) -> bool {
+/// Whether what a step names is there, and what follows it is behind it, so that each script comes
+/// to an end.
+fn leads_on(index: u8, call: &Call, steps: u8, all: u8) -> bool {
     let mut watches = call.watches.iter().flatten();
     watches.all(|watch| match watch.reaction {
         Reaction::GoOn(step) => index < step && step < steps,
-        _ => true,
+        Reaction::Replace(step) => index < step && step < all,
+        Reaction::Insert(step) => step < all,
+        Reaction::Suspend | Reaction::Cancel | Reaction::EndScript | Reaction::Flag => true,
     })
 }
 
@@ -288,31 +292,46 @@ mod tests {
     }
 
     #[test]
-    fn a_script_goes_on_only_with_a_later_step() {
-        let going_on = |from: u8, to: u8| {
+    fn a_script_names_only_steps_that_are_there_and_goes_on_only_with_later_ones() {
+        let with_reaction = |from: u8, reaction| {
             let mut script = with_steps(5);
             let mut step = call(from.into());
             step.watches[1] = Some(Watch {
-                situation: Situation::Failed,
+                situation: Situation::Stuck,
                 value: 0.0,
-                reaction: Reaction::GoOn(to),
+                reaction,
             });
             script.put(7, from, step).unwrap();
             let begun = script.run(7, 4, 5);
             (script, begun)
         };
-        for (from, to, begun) in [
-            (1, 2, Ok(())),
-            (0, 3, Ok(())),
-            (1, 1, Err(LinkError::NoSituation)),
-            (2, 0, Err(LinkError::NoSituation)),
+        for (from, reaction, is_right) in [
+            (1, Reaction::GoOn(2), true),
+            (0, Reaction::GoOn(3), true),
+            (1, Reaction::GoOn(1), false),
+            (2, Reaction::GoOn(0), false),
             // Behind the last one, and from one that a situation inserts.
-            (1, 4, Err(LinkError::NoSituation)),
-            (4, 3, Err(LinkError::NoSituation)),
+            (1, Reaction::GoOn(4), false),
+            (4, Reaction::GoOn(3), false),
+            // In its place also one that is no step by itself, but none before it.
+            (1, Reaction::Replace(4), true),
+            (1, Reaction::Replace(3), true),
+            (1, Reaction::Replace(5), false),
+            (1, Reaction::Replace(1), false),
+            (4, Reaction::Replace(4), false),
+            (4, Reaction::Replace(1), false),
+            (1, Reaction::Insert(4), true),
+            (1, Reaction::Insert(5), false),
         ] {
-            assert_eq!(going_on(from, to).1, begun, "{from} to {to}");
+            let expected = if is_right {
+                Ok(())
+            } else {
+                Err(LinkError::NoSituation)
+            };
+            let (_, begun) = with_reaction(from, reaction);
+            assert_eq!(begun, expected, "{from}: {reaction:?}");
         }
-        let (mut script, _) = going_on(0, 3);
+        let (mut script, _) = with_reaction(0, Reaction::GoOn(3));
         script.current = Some(Key::of_number(5));
         script.end_step(StepEnd::GoOn(3));
         assert_eq!((script.next(), script.status().ended), (Some(call(3)), 3));

@@ -20,6 +20,8 @@ pub(super) struct Reactions {
     pub(super) insert: Option<u8>,
     /// The script goes on with this step.
     pub(super) go_on: Option<u8>,
+    /// This step takes its place.
+    pub(super) replace: Option<u8>,
     /// Those that were not up before, and what is done about them.
     pub(super) came_up: [Option<(Situation, Reaction)>; MAX_WATCHES],
 }
@@ -98,6 +100,9 @@ impl Watches {
                 Reaction::Insert(step) if !was_up => reactions.insert = Some(step),
                 Reaction::Insert(_) => {}
                 Reaction::GoOn(step) => (reactions.cancel, reactions.go_on) = (true, Some(step)),
+                Reaction::Replace(step) => {
+                    (reactions.cancel, reactions.replace) = (true, Some(step));
+                }
             }
         }
         reactions

@@ -110,22 +110,29 @@ fn write_frame(text: &mut String, name: &str, message: &impl Serialize) {
 fn write_frames(text: &mut String) {
     let chunk = junk(MAX_CHUNK);
     let params = [0.25_f32, -1.5].map(f32::to_le_bytes);
-    let watches = [
-        (Situation::OutsideRange, Reaction::Cancel),
-        (Situation::Near, Reaction::Insert(3)),
-    ];
-    let watches = watches.map(|(situation, reaction)| {
-        let watch = Watch {
-            situation,
-            value: 0.5,
-            reaction,
-        };
-        watch.to_bytes()
+    // What names a step of a script is a step's alone.
+    let [alone, of_step] = [Reaction::Flag, Reaction::Insert(3)].map(|reaction| {
+        let watches = [
+            (Situation::OutsideRange, Reaction::Cancel),
+            (Situation::Near, reaction),
+        ];
+        watches.map(|(situation, reaction)| {
+            let watch = Watch {
+                situation,
+                value: 0.5,
+                reaction,
+            };
+            watch.to_bytes()
+        })
     });
     let call = Call {
         task: u64::MAX,
         params: params.as_flattened(),
-        watches: watches.as_flattened(),
+        watches: alone.as_flattened(),
+    };
+    let step = Call {
+        watches: of_step.as_flattened(),
+        ..call
     };
     let requests = [
         ("request hello", Request::Hello),
@@ -341,7 +348,7 @@ fn write_frames(text: &mut String) {
             Request::Behaviours(BehaviourRequest::Step {
                 script: 0xfeed_beef,
                 index: 15,
-                call,
+                call: step,
             }),
         ),
         (

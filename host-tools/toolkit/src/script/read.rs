@@ -12,7 +12,9 @@ use crate::nearest::nearest;
 const OTHER_NAMES: [(&str, &str); 1] = [("turn", "turn_to")];
 
 /// The words of reactions.
-const REACTIONS: [&str; 6] = ["suspend", "cancel", "end", "flag", "insert", "go_on"];
+const REACTIONS: [&str; 7] = [
+    "suspend", "cancel", "end", "flag", "insert", "go_on", "replace",
+];
 
 const UNLESS: &str = "unless";
 const ARROW: &str = "->";
@@ -544,7 +546,7 @@ impl<'m, 't> Reader<'m, 't> {
                         "a behaviour that has `{name}` is over: nothing else can be done with it"
                     ),
                 )
-                .hint("write cancel, which goes on with the next line, end, or go_on with a label"),
+                .hint("write cancel, which goes on with the next line, end, go_on with a label, or replace with a behaviour"),
             );
             return Err(Told);
         }
@@ -598,6 +600,26 @@ impl<'m, 't> Reader<'m, 't> {
         Err(Told)
     }
 
+    /// The behaviour that a reaction brings onto the list: which step of the script it is.
+    fn other(&mut self, line: u32, rest: &mut Rest<'_, '_>, place: Span) -> Result<u8, Told> {
+        let Some(steps) = self.steps else {
+            self.say(
+                Diagnostic::new(
+                    Code::E001,
+                    place,
+                    "only a script can bring another behaviour",
+                )
+                .hint("write it into a file, and `esm script run` it"),
+            );
+            return Err(Told);
+        };
+        let step = self.behaviour(line, rest)?;
+        let index = steps + self.inserted.len();
+        self.inserted.push(step);
+        // A robot has room for fewer, which is said when all are known.
+        Ok(index.min(MAX_SCRIPT_STEPS - 1) as u8)
+    }
+
     fn reaction(&mut self, line: u32, rest: &mut Rest<'_, '_>) -> Result<Reaction, Told> {
         let place = rest.place();
         if !rest.takes(ARROW) {
@@ -622,19 +644,13 @@ impl<'m, 't> Reader<'m, 't> {
                 return Err(Told);
             }
             Some("go_on") => self.target(rest)?,
-            Some("insert") if self.steps.is_none() => {
-                self.say(
-                    Diagnostic::new(Code::E001, place, "only a script can insert a behaviour")
-                        .hint("write it into a file, and `esm script run` it"),
-                );
-                return Err(Told);
-            }
-            Some("insert") => {
-                let step = self.behaviour(line, rest)?;
-                // A robot has room for fewer, which is said when all are known.
-                let index = self.steps.unwrap_or(0) + self.inserted.len();
-                self.inserted.push(step);
-                Reaction::Insert(index.min(MAX_SCRIPT_STEPS - 1) as u8)
+            Some(word @ ("insert" | "replace")) => {
+                let step = self.other(line, rest, place)?;
+                if word == "insert" {
+                    Reaction::Insert(step)
+                } else {
+                    Reaction::Replace(step)
+                }
             }
             other => {
                 let mut found = match other {

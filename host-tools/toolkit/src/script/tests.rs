@@ -132,7 +132,12 @@ fn a_mistake_has_a_place_a_cause_and_a_fix() {
         ),
         (
             "turn unless near range_m = 1",
-            ("E001", 1, 29, "suspend, cancel, end, flag, insert, go_on"),
+            (
+                "E001",
+                1,
+                29,
+                "suspend, cancel, end, flag, insert, go_on, replace",
+            ),
         ),
         (
             "turn unless near range_m = 1 ->",
@@ -145,6 +150,10 @@ fn a_mistake_has_a_place_a_cause_and_a_fix() {
         (
             "turn unless near range_m = 1 -> insert",
             ("E001", 1, 39, "a behaviour is missing"),
+        ),
+        (
+            "turn unless failed -> replace go_too",
+            ("E002", 1, 31, "did you mean `go_to`?"),
         ),
         (
             "turn unless failed after_s = 1 -> cancel",
@@ -225,6 +234,19 @@ fn a_script_goes_on_with_a_step_behind_a_label() {
 }
 
 #[test]
+fn what_takes_the_place_of_a_step_stands_behind_the_steps() {
+    let script = script(
+        "go_to x_m = 1 unless near range_m = 0.3 -> replace turn unless failed -> replace go_to x_m = 2\n\
+         turn\n",
+    );
+    assert_eq!((script.steps, script.all.len()), (2, 4));
+    let reactions: Vec<_> = (script.all[0].watches().map(|watch| watch.reaction)).collect();
+    assert_eq!(reactions, [Reaction::Replace(2), Reaction::Replace(3)]);
+    let names: Vec<_> = (script.all.iter()).map(|step| &*step.name).collect();
+    assert_eq!(names, ["GoTo", "TurnTo", "TurnTo", "GoTo"]);
+}
+
+#[test]
 fn each_line_with_a_mistake_is_told() {
     let told = wrong("go_too\nturn\nturn tim = 1\n");
     let lines: Vec<_> = told.iter().map(|(_, line, ..)| *line).collect();
@@ -273,6 +295,7 @@ fn one_line_is_one_behaviour() {
         "",
         "turn\nturn",
         "turn unless near range_m = 1 -> insert turn",
+        "turn unless near range_m = 1 -> replace turn",
         "turn unless failed -> go_on a",
     ] {
         assert_eq!(read_line("argument", text, &tasks).script, None, "{text}");

@@ -50,11 +50,11 @@ fn command_of(
     Ok(match *request {
         BehaviourRequest::InsertAtTail(ref call) => ListCommand::Insert {
             at_head: false,
-            call: checked(call, registry)?,
+            call: alone(call, registry)?,
         },
         BehaviourRequest::InsertAtHead(ref call) => ListCommand::Insert {
             at_head: true,
-            call: checked(call, registry)?,
+            call: alone(call, registry)?,
         },
         BehaviourRequest::Cancel { key } => ListCommand::Cancel(key),
         BehaviourRequest::Suspend { key } => ListCommand::Hold(key, true),
@@ -114,6 +114,16 @@ fn checked_drive(
             until_us,
         }),
     }
+}
+
+/// A behaviour that is of no script, and so has no situation that names a step of one.
+fn alone(call: &behaviours::Call<'_>, registry: Registry<'_>) -> Result<Call, LinkError> {
+    let call = checked(call, registry)?;
+    let mut watches = call.watches.iter().flatten();
+    if watches.any(|watch| watch.reaction.step().is_some()) {
+        return Err(LinkError::NoSituation);
+    }
+    Ok(call)
 }
 
 /// A behaviour of this firmware, with parameters that it takes and situations that there are.
