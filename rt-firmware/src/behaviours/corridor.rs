@@ -6,7 +6,7 @@
 
 use super::beams::{Heading, Part, Side, looks_at};
 use super::pings::Ping;
-use crate::odometry::{Frame, wrapped_rad};
+use crate::odometry::{Frame, is_beyond, is_within, wrapped_rad};
 use crate::tasks::{Bearing, Bearings, OnTrack, Pose, Ranges};
 
 /// A wall that is this far from where it was expected is none, in metres: an opening, or something
@@ -88,7 +88,8 @@ impl Fit {
         let mut seen = [None; 3];
         for ((seen, look), part) in seen.iter_mut().zip(looks).zip(parts) {
             // Who sees nothing agrees with nobody.
-            let is_known = |range_m: &f32| *range_m > 0.0 && *range_m < Ranges::FAR_M;
+            let is_known =
+                |range_m: &f32| is_beyond(*range_m, 0.0) && is_within(*range_m, Ranges::FAR_M);
             *seen = (look.filter(is_known)).map(|range_m| heading.wall_m(side, part, range_m));
         }
         let distance_m = match seen {
@@ -107,7 +108,7 @@ impl Fit {
             let off_m = wall_m.map_or(MOST_COST_M, |wall_m| (wall_m - distance_m).abs());
             fit.cost_m += off_m.min(MOST_COST_M);
             fit.sonars += u8::from(look.is_some());
-            fit.agreed += u8::from(off_m < AGREED_M);
+            fit.agreed += u8::from(is_within(off_m, AGREED_M));
         }
         fit
     }
@@ -297,11 +298,14 @@ pub(super) enum Seen {
 impl Seen {
     /// What is farther than the wall by so much, heard by a sonar that may hear posts.
     pub(super) fn of(error_m: f32, hears_posts: bool) -> Self {
-        if error_m > GATE_M {
-            Self::Beyond
-        } else if error_m < -GATE_M {
-            Self::Before
-        } else if hears_posts && error_m > POST_M {
+        let is_nearer = error_m.is_sign_negative();
+        if is_beyond(error_m, GATE_M) {
+            if is_nearer {
+                Self::Before
+            } else {
+                Self::Beyond
+            }
+        } else if hears_posts && !is_nearer && is_beyond(error_m, POST_M) {
             Self::Unsure
         } else {
             Self::Wall
@@ -422,7 +426,7 @@ impl Corridor {
         let (mut left_wall, mut right_wall) = (StandIn::default(), StandIn::default());
         // Where only one side sees its wall, nothing contradicts a post.
         let is_alone = !(live.has(Bearing::Left) && live.has(Bearing::Right));
-        let hears_posts = is_alone || self.here.heading_rad.abs() > TURNED_RAD;
+        let hears_posts = is_alone || is_beyond(self.here.heading_rad, TURNED_RAD);
         let mut turn_rad = 0.0;
         for ping in pings {
             let Some((side, part)) = looks_at(ping.bearing) else {
@@ -438,21 +442,21 @@ impl Corridor {
                 Side::Left => (Bearing::Left, &mut left, &mut left_wall),
                 Side::Right => (Bearing::Right, &mut right, &mut right_wall),
             };
-            let periods = ping.age_us as f32 / period_us as f32;
-            let seen = Look {
+            // Of most pings half ahead or behind nobody wants to know this, and it takes a division.
+            let seen = || Look {
                 seen: Seen::of(error_m, hears_posts && part == Part::Beside),
-                along_m: self.here.x_m - self.step_m * periods,
+                along_m: self.here.x_m - self.step_m * (ping.age_us as f32 / period_us as f32),
                 wall_m,
-                is_along: self.here.heading_rad.abs() < ALONG_RAD,
+                is_along: is_within(self.here.heading_rad, ALONG_RAD),
                 error_m,
             };
             if part == Part::Beside {
-                *look = Some(seen);
+                *look = Some(seen());
                 continue;
             }
             // It may be open beside the robot as soon as one of them does not see the wall.
             if !live.has(beside) {
-                stand_in.take(seen);
+                stand_in.take(seen());
             }
             if is_wall && !self.unseen(side).is_away {
                 let error_m = error_m.clamp(-HEADING_MOST_M, HEADING_MOST_M);

@@ -144,7 +144,7 @@ impl Script {
     /// The step that is to come onto the list, if one is.
     pub(super) fn next(&self) -> Option<Call> {
         let is_due = self.status.state == ScriptState::Runs && self.current.is_none();
-        self.call(self.status.ended).filter(|_| is_due)
+        is_due.then(|| self.call(self.status.ended)).flatten()
     }
 
     /// What a step inserts.

@@ -2,15 +2,17 @@
 
 use core::f32::consts::{PI, TAU};
 
+use super::magnitude::is_beyond;
+
 /// The angle between -π and π that looks the same way as `angle_rad`, which is at most one turn
 /// outside.
 pub fn wrapped_rad(angle_rad: f32) -> f32 {
-    if angle_rad > PI {
-        angle_rad - TAU
-    } else if angle_rad < -PI {
+    if !is_beyond(angle_rad, PI) {
+        angle_rad
+    } else if angle_rad.is_sign_negative() {
         angle_rad + TAU
     } else {
-        angle_rad
+        angle_rad - TAU
     }
 }
 

@@ -6,6 +6,7 @@
 //! | `arc` | the arc that a robot drives from one look at its wheels to the next |
 //! | `frame` | [`Frame`], places seen from each other, and [`Pose`], which is one |
 //! | `global` | [`GlobalFrame`], in which the robot can be told where it is |
+//! | `magnitude` | comparisons of numbers without their sign |
 //! | `records` | a pose as the flight recorder keeps it |
 //! | `uncertainty` | [`Uncertainty`], how far a pose may be off |
 //!
@@ -20,6 +21,7 @@ mod angle;
 mod arc;
 mod frame;
 mod global;
+mod magnitude;
 mod records;
 mod uncertainty;
 
@@ -27,5 +29,6 @@ pub(crate) use angle::sine_and_cosine;
 pub use angle::wrapped_rad;
 pub use frame::{Frame, LocalFrame, Pose};
 pub use global::{GlobalFrame, OutsideBounds};
+pub(crate) use magnitude::{is_beyond, is_within};
 pub(crate) use records::pose_events;
 pub use uncertainty::Uncertainty;

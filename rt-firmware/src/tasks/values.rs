@@ -252,6 +252,12 @@ pub struct Reading {
     pub deaf: bool,
 }
 
+/// Whether a range is known, which is a number above 0. Such numbers have the order of their bits.
+const fn is_known(range_m: f32) -> bool {
+    matches!(range_m.to_bits(), 1..=INFINITY_BITS)
+}
+const INFINITY_BITS: u32 = f32::INFINITY.to_bits();
+
 /// Free way around the robot, from its rim, as each of its sonars sees it.
 ///
 /// A range that is not known is 0 here: who reads a number and forgets to ask whether it is known
@@ -323,12 +329,12 @@ impl Ranges {
 
     /// What each sonar says.
     pub fn readings(&self) -> impl Iterator<Item = Reading> {
-        let rows = self.bearings.iter().zip(self.range_m).zip(self.age_ms);
+        let rows = (self.bearings.iter()).zip(&self.range_m).zip(&self.age_ms);
         (rows.enumerate().take(self.sonars.into())).map(|(sonar, ((bearing, range_m), age_ms))| {
             Reading {
                 bearing: *bearing,
-                range_m: (range_m > 0.0).then_some(range_m),
-                age_ms,
+                range_m: is_known(*range_m).then_some(*range_m),
+                age_ms: *age_ms,
                 dead: self.dead >> sonar & 1 != 0,
                 deaf: self.deaf >> sonar & 1 != 0,
             }
@@ -339,13 +345,14 @@ impl Ranges {
     /// that looks there does not.
     pub fn live(&self) -> Bearings {
         let (mut live, mut lost) = (Bearings::NONE, Bearings::NONE);
-        for reading in self.readings() {
-            let of = if reading.dead || reading.deaf {
+        let sonars = usize::from(self.sonars);
+        for (sonar, bearing) in self.bearings.iter().enumerate().take(sonars) {
+            let of = if (self.dead | self.deaf) >> sonar & 1 != 0 {
                 &mut lost
             } else {
                 &mut live
             };
-            *of = of.with(Bearings::of(&[reading.bearing]));
+            *of = of.with(Bearings::of(&[*bearing]));
         }
         live.without(lost)
     }
