@@ -39,6 +39,8 @@ pub struct Behaviours<R = ShippedLaws> {
     script: Script,
     landmarks: Landmarks,
     told: ToldList,
+    /// Something was told, and not yet where the robot was.
+    owes_pose: bool,
 }
 
 impl<R> Default for Behaviours<R> {
@@ -49,6 +51,7 @@ impl<R> Default for Behaviours<R> {
             script: Script::default(),
             landmarks: Landmarks::NONE,
             told: ToldList::default(),
+            owes_pose: false,
         }
     }
 }
@@ -168,15 +171,16 @@ impl<R: Repertoire> Task for Behaviours<R> {
             io.answer_list_command(answer);
         }
         *io.write(Self::TWIST) = twist;
-        // First why, then what has changed, then where.
+        // First why, then what has changed. Where that was follows in the next activation without
+        // anything new, so that no single one takes the time for all of it.
         let happened = came_up.0.iter().chain(&changes);
         happened.for_each(|event| io.note(*event));
-        if let Some(pose) = around
-            .pose
-            .filter(|_| !came_up.0.is_empty() || !changes.is_empty())
-        {
+        if !came_up.0.is_empty() || !changes.is_empty() {
+            self.owes_pose = true;
+        } else if let Some(pose) = around.pose.filter(|_| self.owes_pose) {
             let events = pose_events(&pose, PoseFrame::Counted);
             events.into_iter().for_each(|event| io.note(event));
+            self.owes_pose = false;
         }
         io.set(Self::IDLE, is_idle);
         io.set(Self::NOTICED, noticed);
@@ -195,6 +199,7 @@ impl<R: Repertoire> Behaviours<R> {
         self.remote = None;
         self.script.forget_all();
         self.told.forget();
+        self.owes_pose = false;
     }
 
     /// Lets all execute that no task state has inserted. Whether a situation is up that is to be
