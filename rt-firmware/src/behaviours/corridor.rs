@@ -442,7 +442,7 @@ impl Corridor {
                 Side::Left => (Bearing::Left, &mut left, &mut left_wall),
                 Side::Right => (Bearing::Right, &mut right, &mut right_wall),
             };
-            // Of most pings half ahead or behind nobody wants to know this, and it takes a division.
+            // Of most pings half ahead or behind nobody asks for this, and it takes a division.
             let seen = || Look {
                 seen: Seen::of(error_m, hears_posts && part == Part::Beside),
                 along_m: self.here.x_m - self.step_m * (ping.age_us as f32 / period_us as f32),
