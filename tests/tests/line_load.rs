@@ -582,7 +582,9 @@ fn watched_robot() -> (Emulator, Crowded, Arc<Mutex<Motors>>) {
     };
     let (near, line) = line::pair();
     let elf = firmware("rover");
-    let emulator = Emulator::start_linked(&elf, Idle::Passes, answer, flash, Some(near)).unwrap();
+    let board = boards::find(boards::DEFAULT).unwrap();
+    let emulator =
+        Emulator::start_linked(board, &elf, Idle::Passes, answer, flash, Some(near)).unwrap();
     let line = Crowded {
         line: Arc::new(Mutex::new(Box::new(line))),
         flood: Arc::new(Mutex::new((Flood::Nothing, 0))),

@@ -194,7 +194,7 @@ mod tests {
         assert_eq!(
             find("toaster").map_err(|unknown| unknown.to_string()),
             Err(format!(
-                "there is no board `toaster`; the boards are `{DEFAULT}`, `pico` and `host`"
+                "there is no board `toaster`; the boards are `{DEFAULT}`, `pico`, `stm32f405` and `host`"
             ))
         );
     }
