@@ -276,10 +276,11 @@ const FIRMWARE_FEATURES: &str = "rt-firmware/all-tasks,rt-firmware/black-box,rt-
      rt-firmware/keys,rt-firmware/news,rt-firmware/params,rt-firmware/record,rt-firmware/telemetry,rt-firmware/warm";
 
 /// The workspaces that have a lock file.
-const LOCKED: [&str; 8] = [
+const LOCKED: [&str; 9] = [
     "",
     BOARD_FOLDER,
     CHIP_FOLDER,
+    "boards/stm32f405",
     FILE_EXAMPLE_FOLDER,
     EXAMPLE_FOLDER,
     EXAMPLE_FIRMWARE_FOLDER,
@@ -405,6 +406,21 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
             let folders = [CHIP_FOLDER, FILE_EXAMPLE_FOLDER];
             (folders.iter()).try_for_each(|it| firmware::lint(root, &root.join(it), toolchain))
         });
+    }
+    for board in firmware::boards(root) {
+        if board == firmware::DEFAULT_BOARD || !firmware::is_of_qemu(root, &board) {
+            continue;
+        }
+        tally.step(&format!("firmware of the {board}"), || {
+            let bins = [DEFAULT_BIN.to_owned()];
+            firmware::build_for(root, &board, toolchain, &bins)?;
+            firmware::build_hardware(root, &board, toolchain).map(drop)
+        });
+        if toolchain.has_clippy() && has_component("clippy") {
+            tally.step(&format!("lints of the {board}'s firmware"), || {
+                firmware::lint(root, &root.join("boards").join(&board), toolchain)
+            });
+        }
     }
     tally.step("my_pico: firmware", || {
         let folder = root.join(FILE_EXAMPLE_FOLDER);

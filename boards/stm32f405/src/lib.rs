@@ -33,20 +33,35 @@
 //! of silicon.
 #![no_std]
 
+#[cfg(not(feature = "emulation"))]
+pub mod analog;
 pub mod clock;
+#[cfg(not(feature = "emulation"))]
+pub mod encoders;
 #[cfg(not(feature = "store"))]
 pub use cortex_m_board::no_flash as flash;
 #[cfg(all(feature = "store", feature = "emulation"))]
 #[path = "plant_flash.rs"]
 pub mod flash;
+#[cfg(all(feature = "store", not(feature = "emulation")))]
+#[path = "sectors.rs"]
+pub mod flash;
 pub mod line;
+#[cfg(not(feature = "emulation"))]
+pub mod motors;
 mod parts;
+#[cfg(not(feature = "emulation"))]
+pub mod pins;
 pub mod post_mortem;
 pub mod reset_cause;
 pub mod slot_timer;
 pub mod slots;
+#[cfg(not(feature = "emulation"))]
+pub mod sonars;
 pub mod uart;
 pub mod watchdog;
+#[cfg(not(feature = "emulation"))]
+pub mod wiring;
 
 mod app;
 
@@ -83,6 +98,9 @@ pub struct Stm32f405;
 /// The robot's pins.
 #[cfg(feature = "emulation")]
 pub type Parts = rt_firmware::body::Parts<'static>;
+/// The robot's pins.
+#[cfg(not(feature = "emulation"))]
+pub type Parts = pins::BoardRoverParts;
 
 /// What the first code of the firmware finds out and makes.
 pub struct Start {
@@ -119,4 +137,11 @@ fn body() -> (SlotBoard, Parts) {
     plant::open();
     let board = SlotBoard::new(last_exchange::take());
     (board, plant_board::PINS.parts())
+}
+
+/// What is at the pins.
+#[cfg(not(feature = "emulation"))]
+fn body() -> (SlotBoard, Parts) {
+    let (stop_button, parts) = pins::start();
+    (SlotBoard::new(slots::Chip, stop_button), parts)
 }

@@ -16,6 +16,7 @@ const KEY_ACCESS: u16 = 0x5555;
 const KEY_FEED: u16 = 0xAAAA;
 const KEY_START: u16 = 0xCCCC;
 
+#[inline(always)]
 fn watchdog() -> &'static iwdg::RegisterBlock {
     // SAFETY: the registers are there for the chip's whole life. They are written by `start`, with
     // interrupts off, and by the slot timer's handler.
@@ -29,18 +30,17 @@ pub fn start() {
     const RELOAD: u16 = (TIMEOUT_US / 1_000 * TICKS_PER_MS) as u16;
     // SAFETY: keys, and a count of 12 bits, as the part takes them.
     unsafe {
-        watchdog().kr().write(|w| w.bits(KEY_START.into()));
-        watchdog().kr().write(|w| w.bits(KEY_ACCESS.into()));
+        watchdog().kr().write(|w| w.bits(KEY_START));
+        watchdog().kr().write(|w| w.bits(KEY_ACCESS));
         watchdog().pr().write(|w| w.pr().divide_by16());
         watchdog().rlr().write(|w| w.rl().bits(RELOAD));
     }
     feed();
 }
 
-/// Starts the count anew.
+/// Starts the count anew. Inlined, since the flash cannot always be read where it is called.
+#[inline(always)]
 pub fn feed() {
     // SAFETY: a key.
-    watchdog()
-        .kr()
-        .write(|w| unsafe { w.bits(KEY_FEED.into()) });
+    watchdog().kr().write(|w| unsafe { w.bits(KEY_FEED) });
 }
