@@ -182,9 +182,8 @@ impl Robot {
         let blob_bytes = board.capacities.blob_bytes;
         let flash = plant.flash(flash_bytes(blob_bytes, ERASE_BYTES as u32));
         let answer = move |request: &_| served.exchange(request);
-        let mut emulator =
-            Emulator::start(board, firmware, idle, answer, flash)
-                .map_err(|error| error.to_string())?;
+        let mut emulator = Emulator::start(board, firmware, idle, answer, flash)
+            .map_err(|error| error.to_string())?;
         let uart = emulator.take_uart().ok_or("the emulator has no UART")?;
         let line = Lent(Arc::new(Mutex::new(Paced::new(uart, DEFAULT_BAUD))));
         let blob = subject::build_file(&root().join(MISSION))?.blob;

@@ -26,6 +26,7 @@ use esm_link::message::{
 use esm_tests::command::{firmware, root};
 use esm_tests::random::Random;
 use esm_tests::{environment, subject};
+use host_tools::boards;
 use host_tools::files::load_world;
 use host_tools::keys::SigningKey;
 use host_tools::link_client::{ClientError, LinkClient, Streams};

@@ -275,12 +275,9 @@ const UNLOCKED: [&str; 3] = ["esm", "boards/cortex_m", "boards/settings"];
 const FIRMWARE_FEATURES: &str = "rt-firmware/all-tasks,rt-firmware/black-box,rt-firmware/defmt,rt-firmware/docs,\
      rt-firmware/keys,rt-firmware/news,rt-firmware/params,rt-firmware/record,rt-firmware/telemetry,rt-firmware/warm";
 
-/// The workspaces that have a lock file.
-const LOCKED: [&str; 9] = [
+/// The workspaces that have a lock file, but for the boards'.
+const LOCKED: [&str; 6] = [
     "",
-    BOARD_FOLDER,
-    CHIP_FOLDER,
-    "boards/stm32f405",
     FILE_EXAMPLE_FOLDER,
     EXAMPLE_FOLDER,
     EXAMPLE_FIRMWARE_FOLDER,
@@ -288,12 +285,23 @@ const LOCKED: [&str; 9] = [
     bench::MACHINES_FOLDER,
 ];
 
+/// The workspaces that have a lock file: [`LOCKED`], and each board.
+fn locked(root: &Path) -> Vec<String> {
+    let boards = firmware::boards(root).into_iter();
+    let boards = boards.map(|board| format!("boards/{board}"));
+    LOCKED
+        .into_iter()
+        .map(str::to_owned)
+        .chain(boards)
+        .collect()
+}
+
 /// What needs no firmware: form, lints, documentation, and whether the tests notice mutants.
 fn checks(root: &Path, tally: &mut Tally) {
     tally.step("lines that are too wide", || form::command(root, false));
     tally.step("lock files name what is built", || {
         // What a user builds is what was tested, and a build leaves the checkout as it was.
-        LOCKED.into_iter().try_for_each(|folder| {
+        locked(root).iter().try_for_each(|folder| {
             let arguments = ["update", "--workspace", "--locked", "--quiet"];
             process::run(cargo(&root.join(folder)).args(arguments))
         })
@@ -301,17 +309,18 @@ fn checks(root: &Path, tally: &mut Tally) {
     let rustfmt = has_component("fmt");
     let clippy = has_component("clippy");
     if rustfmt {
-        for folder in LOCKED.into_iter().chain(UNLOCKED) {
+        let unlocked = UNLOCKED.map(str::to_owned);
+        for folder in locked(root).into_iter().chain(unlocked) {
             let name = format!(
                 "formatting of {}",
                 if folder.is_empty() {
                     "the workspace"
                 } else {
-                    folder
+                    &folder
                 }
             );
             tally.step(&name, || {
-                process::run(cargo(&root.join(folder)).args(["fmt", "--all", "--check"]))
+                process::run(cargo(&root.join(&folder)).args(["fmt", "--all", "--check"]))
             });
         }
     } else {

@@ -7,20 +7,12 @@ use esm_link::message::SafeReason;
 use rt_firmware::body::{Freshness, PinImage, PlantExchange};
 use rt_firmware::{ActivationStart, Board};
 
+use crate::chip::Chip;
 use crate::{last_exchange, plant, sys_tick};
 
 /// The pins. Drivers are built on their [`parts`](PinImage::parts) by the robot; the slot timer's
 /// handler carries them to the plant.
 pub static PINS: PinImage = PinImage::new();
-
-/// What a chip brings whose time is [`sys_tick`]'s and whose body is the plant's.
-pub trait PlantChip: 'static {
-    /// Ticks of SysTick in a microsecond.
-    const TICKS_PER_US: u32;
-
-    /// Starts the watchdog's count anew.
-    fn feed_watchdog();
-}
 
 /// Time, body and pins for the slot timer's handler.
 pub struct PlantBoard<C> {
@@ -42,7 +34,7 @@ impl<C> PlantBoard<C> {
     }
 }
 
-impl<C: PlantChip> Board for PlantBoard<C> {
+impl<C: Chip> Board for PlantBoard<C> {
     const TICKS_PER_US: u32 = C::TICKS_PER_US;
     const COUNT_BITS: u32 = sys_tick::BITS;
 

@@ -15,8 +15,8 @@ use rt_firmware::body::flash::{
 };
 use rt_firmware::store::flash_store::{self, FlashStore};
 
+use crate::chip::Chip;
 use crate::plant::{self, CLOSED, file};
-use crate::plant_board::PlantChip;
 use crate::store::{self, FlashTimes};
 use crate::sys_tick;
 
@@ -48,7 +48,7 @@ pub type StoreMemory<C> = store::StoreMemory<BodyFlash<Wire<C>>>;
 /// and what is kept in it. None if there is none.
 // Not inlined: the app's first function should not keep what this needs of the stack.
 #[inline(never)]
-pub fn open<C: PlantChip>(
+pub fn open<C: Chip>(
     memory: &'static mut StoreMemory<C>,
     blob_bytes: usize,
     default_mission: Option<&'static [u8]>,
@@ -71,7 +71,7 @@ impl<C> Clone for Wire<C> {
     }
 }
 
-impl<C: PlantChip> FlashWire for Wire<C> {
+impl<C: Chip> FlashWire for Wire<C> {
     fn exchange(
         &mut self,
         request: &FlashRequest,
@@ -105,4 +105,26 @@ impl<C: PlantChip> FlashWire for Wire<C> {
             core::hint::spin_loop();
         }
     }
+}
+
+/// Names what a board's module `flash` has, for missions of so many bytes.
+#[macro_export]
+macro_rules! plant_flash {
+    ($chip:ty, $blob_bytes:expr) => {
+        /// Milliseconds that it takes at most to keep a mission that is signed.
+        pub const LONGEST_MS: u16 = $crate::plant_flash::longest_ms($blob_bytes);
+
+        /// The flash, and what is kept in it.
+        pub type BoardStore = $crate::plant_flash::BoardStore<$chip>;
+        /// The memory of what the board keeps.
+        pub type StoreMemory = $crate::plant_flash::StoreMemory<$chip>;
+
+        /// Opens what is kept in the flash.
+        pub fn open(
+            memory: &'static mut StoreMemory,
+            default_mission: Option<&'static [u8]>,
+        ) -> Option<&'static mut BoardStore> {
+            $crate::plant_flash::open(memory, $blob_bytes, default_mission)
+        }
+    };
 }

@@ -10,9 +10,9 @@ use core::sync::atomic::{AtomicI32, AtomicU32, Ordering::Relaxed};
 
 use rt_firmware::body::line::{INTERVAL_US, LinePart, MESSAGE_BYTES};
 
+use crate::chip::Chip;
 use crate::line_timer::LineTimer;
 use crate::plant::{self, CLOSED, file};
-use crate::plant_board::PlantChip;
 use crate::sys_tick;
 
 /// Carries bytes to the host.
@@ -47,7 +47,7 @@ pub fn acknowledge<C: LineTimer>() {
 
 /// Lets the interrupt come a whole number of intervals after it was due last: one, or, where that
 /// is past, more.
-fn set_next<C: PlantChip + LineTimer>() {
+fn set_next<C: Chip + LineTimer>() {
     let interval_ticks = const { INTERVAL_US * C::TICKS_PER_US };
     let (now, due) = (sys_tick::now_ticks() as u32, DUE.load(Relaxed));
     // The clock may show a tick less than the timer has counted.

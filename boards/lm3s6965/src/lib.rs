@@ -52,8 +52,8 @@ mod app;
 use cortex_m_board::basepri::BelowTheSlots;
 #[cfg(feature = "log")]
 use cortex_m_board::log;
+use cortex_m_board::sides::Start;
 use cortex_m_board::{crash, plant, stack};
-use esm_link::message::ResetReason;
 use slots::SlotBoard;
 
 pub use cortex_m_board::console;
@@ -86,19 +86,9 @@ pub struct Lm3s6965;
 /// The robot's pins.
 pub type Parts = rt_firmware::body::Parts<'static>;
 
-/// What the first code of the firmware finds out.
-pub struct Start {
-    /// Why the firmware starts.
-    pub reset: ResetReason,
-    /// The board for the slot timer's handler.
-    pub board: SlotBoard,
-    /// The robot's pins.
-    pub parts: Parts,
-}
-
 /// Brings up stack paint, clock, serial line and the way to the plant. To be called once, first of
 /// all, with interrupts off.
-pub fn start() -> Start {
+pub fn start() -> Start<SlotBoard, Parts> {
     stack::paint();
     #[cfg(feature = "log")]
     log::start(pac::Interrupt::TIMER_0A);

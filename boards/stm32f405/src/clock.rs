@@ -2,13 +2,14 @@
 //!
 //! The core runs at 168 MHz, the most that the part can do, from a crystal of 8 MHz. SysTick counts
 //! an eighth of that, 21 ticks a microsecond, so that its 24 bits last for 0.8 s
-//! ([`cortex_m_board::sys_tick`]). The slot timer's interrupt comes at least every
-//! [`LONGEST_SLEEP_US`](crate::slot_timer::LONGEST_SLEEP_US).
+//! ([`cortex_m_board::sys_tick`]). [The slot timer](crate::slot_timer) keeps the time.
 //!
 //! The emulator's clock tree is fixed: the core has 168 MHz, and timers count nanoseconds.
 
 use cortex_m_board::sys_tick::{self, Source};
 use rt_firmware::board::microseconds;
+
+use crate::pac::{RCC, rcc};
 
 pub use crate::settings::TICKS_PER_US;
 
@@ -18,6 +19,13 @@ pub const CORE_HZ: u32 = 168_000_000;
 pub const APB2_HZ: u32 = CORE_HZ / 2;
 
 const _: () = assert!(TICKS_PER_US == CORE_HZ / 8 / 1_000_000);
+
+/// Clocks and resets of the chip's parts. Bits are set at the start, with interrupts off, and by
+/// nobody later.
+pub(crate) fn rcc() -> &'static rcc::RegisterBlock {
+    // SAFETY: the registers are there for the chip's whole life; who writes them is said above.
+    unsafe { &*RCC::PTR }
+}
 
 /// Starts the clocks, and SysTick. To be called once, before anything that counts time.
 pub fn start() {
@@ -32,7 +40,7 @@ fn start_tree() {
     /// Looks at a bit, which are many more than a start takes. A chip whose crystal does not swing
     /// goes on at 16 MHz, and says nothing that anybody understands at its serial line.
     const LOOKS: u32 = 1_000_000;
-    let rcc = crate::parts::rcc();
+    let rcc = self::rcc();
     let wait = |is_ready: &dyn Fn() -> bool| (0..LOOKS).any(|_| is_ready());
     rcc.cr().modify(|_, w| w.hseon().on());
     if !wait(&|| rcc.cr().read().hserdy().is_ready()) {

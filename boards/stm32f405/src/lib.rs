@@ -33,41 +33,31 @@
 //! of silicon.
 #![no_std]
 
-#[cfg(not(feature = "emulation"))]
-pub mod analog;
 pub mod clock;
-#[cfg(not(feature = "emulation"))]
-pub mod encoders;
+#[cfg(all(feature = "store", feature = "emulation"))]
+pub mod flash {
+    //! The flash that missions are kept in: the plant's.
+    cortex_m_board::plant_flash!(crate::Stm32f405, crate::settings::BLOB_BYTES);
+}
 #[cfg(not(feature = "store"))]
 pub use cortex_m_board::no_flash as flash;
-#[cfg(all(feature = "store", feature = "emulation"))]
-#[path = "plant_flash.rs"]
-pub mod flash;
 #[cfg(all(feature = "store", not(feature = "emulation")))]
-#[path = "sectors.rs"]
-pub mod flash;
+pub use silicon::flash;
 pub mod line;
-#[cfg(not(feature = "emulation"))]
-pub mod motors;
-mod parts;
-#[cfg(not(feature = "emulation"))]
-pub mod pins;
 pub mod post_mortem;
 pub mod reset_cause;
+#[cfg(not(feature = "emulation"))]
+pub mod silicon;
 pub mod slot_timer;
 pub mod slots;
-#[cfg(not(feature = "emulation"))]
-pub mod sonars;
 pub mod uart;
 pub mod watchdog;
-#[cfg(not(feature = "emulation"))]
-pub mod wiring;
 
 mod app;
 
 use cortex_m_board::basepri::BelowTheSlots;
+use cortex_m_board::sides::Start;
 use cortex_m_board::{crash, stack};
-use esm_link::message::ResetReason;
 
 use slots::SlotBoard;
 
@@ -100,27 +90,25 @@ pub struct Stm32f405;
 pub type Parts = rt_firmware::body::Parts<'static>;
 /// The robot's pins.
 #[cfg(not(feature = "emulation"))]
-pub type Parts = pins::BoardRoverParts;
-
-/// What the first code of the firmware finds out and makes.
-pub struct Start {
-    /// Why the firmware starts.
-    pub reset: ResetReason,
-    /// The board for the slot timer's handler.
-    pub board: SlotBoard,
-    /// The robot's pins.
-    pub parts: Parts,
-}
+pub type Parts = silicon::pins::BoardRoverParts;
 
 /// Brings up stack paint, clocks, serial line and body. To be called once, first of all, with
 /// interrupts off.
-pub fn start() -> Start {
+pub fn start() -> Start<SlotBoard, Parts> {
     stack::paint();
     #[cfg(feature = "log")]
     cortex_m_board::log::start(pac::Interrupt::TIM2);
     clock::start();
     uart::start();
-    let (board, parts) = body();
+    #[cfg(not(feature = "emulation"))]
+    let (board, parts) = silicon::start();
+    #[cfg(feature = "emulation")]
+    let (board, parts) = {
+        use cortex_m_board::{last_exchange, plant, plant_board};
+        plant::open();
+        let board = SlotBoard::new(last_exchange::take());
+        (board, plant_board::PINS.parts())
+    };
     let reset = post_mortem::take();
     crash::log_reset(reset);
     Start {
@@ -128,20 +116,4 @@ pub fn start() -> Start {
         board,
         parts,
     }
-}
-
-/// The way to the plant.
-#[cfg(feature = "emulation")]
-fn body() -> (SlotBoard, Parts) {
-    use cortex_m_board::{last_exchange, plant, plant_board};
-    plant::open();
-    let board = SlotBoard::new(last_exchange::take());
-    (board, plant_board::PINS.parts())
-}
-
-/// What is at the pins.
-#[cfg(not(feature = "emulation"))]
-fn body() -> (SlotBoard, Parts) {
-    let (stop_button, parts) = pins::start();
-    (SlotBoard::new(slots::Chip, stop_button), parts)
 }

@@ -22,17 +22,12 @@ impl LineBoard for Stm32f405 {
     }
 
     fn call_line() {
-        call();
+        NVIC::pend(Interrupt::USART1);
     }
 
     fn call_slots() {
         slot_timer::call();
     }
-}
-
-/// Lets the line's interrupt come. From any context.
-pub(crate) fn call() {
-    NVIC::pend(Interrupt::USART1);
 }
 
 #[cfg(not(feature = "emulation"))]
@@ -51,8 +46,8 @@ mod emulated {
     use cortex_m_board::emulated_line;
     use cortex_m_board::line_timer::LineTimer;
 
+    use crate::Stm32f405;
     use crate::clock::{self, TICKS_PER_US};
-    use crate::{Stm32f405, parts};
 
     pub use emulated_line::split;
 
@@ -67,7 +62,7 @@ mod emulated {
 
     impl LineTimer for Stm32f405 {
         fn start_line_timer() {
-            parts::rcc().apb1enr().modify(|_, w| w.tim5en().enabled());
+            clock::rcc().apb1enr().modify(|_, w| w.tim5en().enabled());
             timer().dier().write(|w| w.uie().enabled());
         }
 
@@ -76,22 +71,16 @@ mod emulated {
             timer().sr().reset();
         }
 
+        /// As the slot timer counts in the emulator.
         fn set_line_timer(ticks: u32) {
-            count_once(ticks);
+            // SAFETY: any bits are a count.
+            (timer().arr()).write(|w| unsafe { w.bits(clock::nanoseconds(ticks)) });
+            timer().cr1().write(|w| w.cen().enabled());
         }
     }
 
     /// Lets the timer run for so long; where the plant carries no bytes, without an interrupt.
     pub(crate) fn run_timer(us: u32) {
-        count_once(us * TICKS_PER_US);
-    }
-
-    /// Lets the timer count so many ticks, as the slot timer does in the emulator.
-    fn count_once(ticks: u32) {
-        // SAFETY: any bits are a count.
-        timer()
-            .arr()
-            .write(|w| unsafe { w.bits(clock::nanoseconds(ticks)) });
-        timer().cr1().write(|w| w.cen().enabled());
+        Stm32f405::set_line_timer(us * TICKS_PER_US);
     }
 }

@@ -8,14 +8,14 @@ use esm_link::message::ResetReason;
 use rt_firmware::retained_ram::CrashCause;
 
 #[cfg(not(feature = "emulation"))]
-use crate::motors::all_off as motors_off;
-use crate::{parts, reset_cause};
+use crate::silicon::motors::all_off as motors_off;
+use crate::{clock, reset_cause};
 
 /// Why the firmware starts. To be called once, at the start.
 pub fn take() -> ResetReason {
-    let hardware = reset_cause::reason(parts::rcc().csr().read().bits());
+    let hardware = reset_cause::reason(clock::rcc().csr().read().bits());
     // Each bit stays until it is cleared: the next reset is to be told from this one.
-    parts::rcc().csr().modify(|_, w| w.rmvf().set_bit());
+    clock::rcc().csr().modify(|_, w| w.rmvf().set_bit());
     crash::kept().begin(hardware)
 }
 

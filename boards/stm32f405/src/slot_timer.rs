@@ -1,14 +1,12 @@
-//! The timer whose interrupt starts the slots: TIM2, 32 bits, one pulse.
+//! The timer whose interrupt starts the slots: TIM2, 32 bits, one pulse. Its interrupt comes at
+//! least each 100 ms, with or without a slot to start, as the runtime promises: it keeps the time
+//! ([`sys_tick::advance`]) and feeds the watchdog.
 
 use crate::pac::{Interrupt, TIM2, tim2};
 use cortex_m::peripheral::NVIC;
 use cortex_m_board::sys_tick;
 
-use crate::{clock, parts};
-
-/// The timer's interrupt comes at least this often, in microseconds, with or without a slot to
-/// start: it keeps the time ([`sys_tick::advance`]) and feeds the watchdog.
-pub const LONGEST_SLEEP_US: u32 = 100_000;
+use crate::clock;
 
 /// The timer's registers.
 #[inline(always)]
@@ -20,7 +18,7 @@ fn timer() -> &'static tim2::RegisterBlock {
 
 /// Prepares the timer and lets its interrupt come at once, once interrupts are on.
 pub fn start() {
-    parts::rcc().apb1enr().modify(|_, w| w.tim2en().enabled());
+    clock::rcc().apb1enr().modify(|_, w| w.tim2en().enabled());
     #[cfg(not(feature = "emulation"))]
     {
         // Timers on APB1 have twice its clock, 84 MHz; this one counts the clock's ticks.
@@ -50,8 +48,6 @@ pub fn begin() {
 /// Lets the next interrupt come when the clock shows `at_ticks`, at once if it has. To be called at
 /// the end of the timer's handler: it is what the timer waits for to be set anew, and until then
 /// there is no hurry.
-///
-/// `at_ticks` is at most [`LONGEST_SLEEP_US`] away, as the runtime promises.
 #[inline(always)]
 pub fn set(at_ticks: u64) {
     // From the look at the clock in here to the start, each instruction makes the slot later. So a

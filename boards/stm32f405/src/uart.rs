@@ -4,11 +4,13 @@
 //! [`line`](crate::line) has the queues around it. The part has no FIFO: it calls for each byte.
 
 use crate::pac::{USART1, usart1};
+#[cfg(feature = "emulation")]
+use cortex_m_board::line::LineBoard;
 use cortex_m_board::line::Wire;
 
+use crate::clock;
 #[cfg(feature = "emulation")]
-use crate::line;
-use crate::{clock, parts};
+use crate::{Stm32f405, line};
 
 /// Speed of the line in baud.
 pub const BAUD: u32 = 115_200;
@@ -22,9 +24,9 @@ fn usart() -> &'static usart1::RegisterBlock {
 
 /// Starts the part, with the interrupt of received bytes on.
 pub fn start() {
-    parts::rcc().apb2enr().modify(|_, w| w.usart1en().enabled());
+    clock::rcc().apb2enr().modify(|_, w| w.usart1en().enabled());
     #[cfg(not(feature = "emulation"))]
-    crate::pins::connect_usart();
+    crate::silicon::pins::connect_usart();
     // SAFETY: 16 bits, of which the lowest 4 are sixteenths.
     (usart().brr()).write(|w| unsafe { w.bits(((clock::APB2_HZ + BAUD / 2) / BAUD) as u16) });
     set_control(false);
@@ -86,7 +88,7 @@ impl Wire for Uart {
         // The emulator sends at once, and does not call.
         #[cfg(feature = "emulation")]
         if sent {
-            line::call();
+            Stm32f405::call_line();
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Which pin is what: the rover's parts on an STM32F405 in a housing of 64 pins, and what each of
 //! its timers does.
 
-use crate::pins::{Pin, Port};
+use super::pins::{Pin, Port};
 
 const fn pin(port: Port, number: u8) -> Pin {
     Pin { port, number }

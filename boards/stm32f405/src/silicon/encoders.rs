@@ -3,9 +3,10 @@
 
 use rt_firmware::drivers::EncoderCounter;
 
+use super::pins::{Function, Pin};
+use super::wiring;
+use crate::clock;
 use crate::pac::{TIM3, TIM4, tim3};
-use crate::pins::Function;
-use crate::{parts, wiring};
 
 /// The count of an encoder, by its timer.
 #[derive(Clone, Copy, Debug)]
@@ -18,21 +19,14 @@ pub enum Counter {
 
 /// The left encoder and the right one.
 pub(crate) fn start() -> [Counter; 2] {
-    const TIMERS_3_TO_5: u8 = 2;
-    for pin in wiring::LEFT_ENCODER
-        .into_iter()
-        .chain(wiring::RIGHT_ENCODER)
-    {
-        // Outputs of an encoder are often open collectors.
-        pin.set_function(Function::PulledUpPart(TIMERS_3_TO_5));
-    }
-    parts::rcc().apb1enr().modify(|_, w| {
+    clock::rcc().apb1enr().modify(|_, w| {
         w.tim3en().enabled();
         w.tim4en().enabled()
     });
-    let encoders = [Counter::Left, Counter::Right];
-    encoders.into_iter().for_each(Counter::start);
-    encoders
+    [
+        Counter::Left.start(wiring::LEFT_ENCODER),
+        Counter::Right.start(wiring::RIGHT_ENCODER),
+    ]
 }
 
 impl Counter {
@@ -46,7 +40,8 @@ impl Counter {
         }
     }
 
-    fn start(self) {
+    fn start(self, pins: [Pin; 2]) -> Self {
+        const TIMERS_3_TO_5: Function = Function::PulledUpPart(2);
         /// Eight equal looks at the timer's 84 MHz, a tenth of a microsecond, make an edge.
         const EIGHT_LOOKS: u8 = 0b0011;
         let timer = self.timer();
@@ -60,6 +55,10 @@ impl Counter {
         }
         timer.smcr().write(|w| w.sms().encoder_mode_3());
         timer.cr1().write(|w| w.cen().enabled());
+        // Outputs of an encoder are often open collectors.
+        pins.into_iter()
+            .for_each(|pin| pin.set_function(TIMERS_3_TO_5));
+        self
     }
 }
 

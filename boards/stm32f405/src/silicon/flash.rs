@@ -7,17 +7,15 @@
 //! stands is deaf meanwhile, its clock may stand still for rounds of SysTick, and the watchdog is fed
 //! by a function in RAM.
 
-use core::slice;
-
+use cortex_m_board::on_chip_flash::{Cells, OnChip};
 use cortex_m_board::store::{self, FlashTimes};
-use embedded_storage::nor_flash::{
-    ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
-};
+use embedded_storage::nor_flash::NorFlashErrorKind;
 use rt_firmware::store::flash_store::{self, FlashStore};
 
+use super::motors;
 use crate::pac::{FLASH, flash};
 use crate::settings::BLOB_BYTES;
-use crate::{motors, watchdog};
+use crate::watchdog;
 
 /// What is erased at once.
 const SECTOR_BYTES: u32 = 128 << 10;
@@ -45,21 +43,20 @@ pub const LONGEST_MS: u16 = FlashTimes {
 const WORD_BYTES: usize = 4;
 
 /// The flash, and what is kept in it.
-pub type BoardStore = FlashStore<'static, OnChip>;
+pub type BoardStore = FlashStore<'static, OnChip<Sectors>>;
 /// The memory of what the board keeps.
-pub type StoreMemory = store::StoreMemory<OnChip>;
+pub type StoreMemory = store::StoreMemory<OnChip<Sectors>>;
 
 /// Opens what is kept in the flash.
 pub fn open(
     memory: &'static mut StoreMemory,
     default_mission: Option<&'static [u8]>,
 ) -> Option<&'static mut BoardStore> {
-    memory.open(OnChip(()), BLOB_BYTES as u32, default_mission)
+    memory.open(OnChip::new(), BLOB_BYTES as u32, default_mission)
 }
 
-/// The part of the chip's flash that is the store's. The link alone has it.
-#[derive(Clone, Debug)]
-pub struct OnChip(());
+/// The sectors of the store.
+pub struct Sectors;
 
 fn controller() -> &'static flash::RegisterBlock {
     // SAFETY: the registers are there for the chip's whole life. Once the clocks run, the store
@@ -88,6 +85,8 @@ fn change(control: u32, word: Option<(u32, u32)>) -> Result<(), NorFlashErrorKin
                 controller().keyr().write(|w| w.bits(key));
             }
             controller().sr().write(|w| w.bits(FAILED));
+            // What is erased is said before it begins.
+            controller().cr().write(|w| w.bits(control & !BEGIN));
             let has_ended = act(controller(), control, word);
             controller().cr().write(|w| w.bits(LOCK));
             // What the caches have of it is old.
@@ -95,10 +94,8 @@ fn change(control: u32, word: Option<(u32, u32)>) -> Result<(), NorFlashErrorKin
             (controller().acr()).modify(|_, w| w.dcrst().reset());
             (controller().acr()).modify(|_, w| w.dcrst().no_reset());
             (controller().acr()).modify(|_, w| w.dcen().enabled());
-            match has_ended && controller().sr().read().bits() & FAILED == 0 {
-                true => Ok(()),
-                false => Err(NorFlashErrorKind::Other),
-            }
+            let is_done = has_ended && controller().sr().read().bits() & FAILED == 0;
+            is_done.then_some(()).ok_or(NorFlashErrorKind::Other)
         }
     })
 }
@@ -134,54 +131,29 @@ unsafe fn act(controller: &flash::RegisterBlock, control: u32, word: Option<(u32
 /// Words are written at once.
 const BY_WORDS: u32 = 0b10 << 8;
 const PROGRAM: u32 = 1;
+const BEGIN: u32 = 1 << 16;
 
 /// What the controller is told to erase a sector of the store, from `offset` on.
 const fn erase_sector(offset: u32) -> u32 {
     const ERASE: u32 = 1 << 1;
-    const START: u32 = 1 << 16;
-    let sector = FIRST_SECTOR + offset / SECTOR_BYTES;
-    ERASE | sector << 3 | BY_WORDS | START
+    ERASE | (FIRST_SECTOR + offset / SECTOR_BYTES) << 3 | BY_WORDS | BEGIN
 }
 
-impl ErrorType for OnChip {
-    type Error = NorFlashErrorKind;
-}
+impl Cells for Sectors {
+    const READ_AT: u32 = START;
+    const BYTES: u32 = BYTES;
+    const ERASE_BYTES: usize = SECTOR_BYTES as usize;
+    const WRITE_BYTES: usize = WORD_BYTES;
 
-impl ReadNorFlash for OnChip {
-    const READ_SIZE: usize = 1;
-
-    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
-        check_read(&*self, offset, bytes.len())?;
-        let at = (START + offset) as *const u8;
-        // SAFETY: bytes of the flash, which are always there, and which nobody changes meanwhile:
-        // whoever could has `self`.
-        bytes.copy_from_slice(unsafe { slice::from_raw_parts(at, bytes.len()) });
-        Ok(())
+    fn erase(offset: u32) -> Result<(), NorFlashErrorKind> {
+        change(erase_sector(offset), None)
     }
 
-    fn capacity(&self) -> usize {
-        BYTES as usize
-    }
-}
-
-impl NorFlash for OnChip {
-    const WRITE_SIZE: usize = WORD_BYTES;
-    const ERASE_SIZE: usize = SECTOR_BYTES as usize;
-
-    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
-        check_erase(&*self, from, to)?;
-        (from..to)
-            .step_by(SECTOR_BYTES as usize)
-            .try_for_each(|offset| change(erase_sector(offset), None))
-    }
-
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        check_write(&*self, offset, bytes.len())?;
+    fn write(offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         let (words, _) = bytes.as_chunks::<WORD_BYTES>();
-        for (place, word) in words.iter().enumerate() {
+        words.iter().enumerate().try_for_each(|(place, word)| {
             let at = START + offset + (place * WORD_BYTES) as u32;
-            change(BY_WORDS | PROGRAM, Some((at, u32::from_le_bytes(*word))))?;
-        }
-        Ok(())
+            change(BY_WORDS | PROGRAM, Some((at, u32::from_le_bytes(*word))))
+        })
     }
 }

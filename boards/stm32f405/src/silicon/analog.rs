@@ -2,9 +2,10 @@
 
 use rt_firmware::drivers::AnalogIn;
 
+use super::pins::Function;
+use super::wiring;
+use crate::clock;
 use crate::pac::{ADC1, adc1};
-use crate::pins::Function;
-use crate::{parts, wiring};
 
 /// Counts at the reference voltage (12 bits).
 pub const FULL_SCALE: u16 = 4_095;
@@ -31,7 +32,7 @@ pub(crate) fn start() -> [Input; wiring::ANALOG.len()] {
     for pin in wiring::ANALOG {
         pin.set_function(Function::Analog);
     }
-    parts::rcc().apb2enr().modify(|_, w| w.adc1en().enabled());
+    clock::rcc().apb2enr().modify(|_, w| w.adc1en().enabled());
     // SAFETY: the registers are there for the chip's whole life; nobody else has them.
     let common = unsafe { &*crate::pac::ADC_COMMON::PTR };
     common.ccr().write(|w| w.adcpre().div4());

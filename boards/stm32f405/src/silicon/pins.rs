@@ -2,16 +2,17 @@
 
 use core::convert::Infallible;
 
-use embedded_hal::digital::{self, InputPin};
+use embedded_hal::digital::{self, InputPin, OutputPin};
 use rt_firmware::body::SONARS;
 use rt_firmware::rover::{ExtraParts, NoExtras, Rover, RoverParts};
 
-use crate::analog::{self, Input};
-use crate::encoders::{self, Counter};
-use crate::motors::{self, Direction, Power};
+use super::analog::{self, Input};
+use super::encoders::{self, Counter};
+use super::motors::{self, Direction, Power};
+use super::sonars::{self, Echo, Trigger};
+use super::wiring;
+use crate::clock;
 use crate::pac::{GPIOA, GPIOB, GPIOC, gpioa};
-use crate::sonars::{self, Echo, Trigger};
-use crate::{parts, wiring};
 
 /// The rover's parts on this board.
 pub type BoardRoverParts =
@@ -120,33 +121,53 @@ impl Pin {
         // SAFETY: a bit of this pin alone.
         (self.registers().bsrr()).write(|w| unsafe { w.bits(1 << shift) });
     }
+}
 
-    /// Whether an input is high.
-    pub fn is_high(self) -> bool {
-        self.registers().idr().read().bits() & 1 << self.number != 0
+impl digital::ErrorType for Pin {
+    type Error = Infallible;
+}
+
+impl OutputPin for Pin {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.set_level(false);
+        Ok(())
+    }
+
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.set_level(true);
+        Ok(())
+    }
+}
+
+impl InputPin for Pin {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(self.registers().idr().read().bits() & 1 << self.number != 0)
+    }
+
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|is_high| !is_high)
     }
 }
 
 /// Connects the link's pins.
 pub(crate) fn connect_usart() {
-    const USART_1: u8 = 7;
-    start_ports();
-    let [transmit, receive] = wiring::LINK;
     // High is silence, also where nothing is plugged in.
-    transmit.set_function(Function::PulledUpPart(USART_1));
-    receive.set_function(Function::PulledUpPart(USART_1));
+    const USART_1: Function = Function::PulledUpPart(7);
+    start_ports();
+    (wiring::LINK.into_iter()).for_each(|pin| pin.set_function(USART_1));
 }
 
 /// Starts the clocks of the ports.
 fn start_ports() {
-    parts::rcc().ahb1enr().modify(|_, w| {
+    clock::rcc().ahb1enr().modify(|_, w| {
         w.gpioaen().enabled();
         w.gpioben().enabled().gpiocen().enabled()
     });
 }
 
-/// Starts all that is at the pins, but for the link. To be called once, with interrupts off.
-pub(crate) fn start() -> (StopPin, BoardRoverParts) {
+/// Starts all that is at the pins, but for the link; gives the emergency stop's button, which is low
+/// while it is pressed, and the rover's parts. To be called once, with interrupts off.
+pub(crate) fn start() -> (Pin, BoardRoverParts) {
     start_ports();
     let [(left_pwm, left_direction), (right_pwm, right_direction)] = motors::start();
     let [left_encoder, right_encoder] = encoders::start();
@@ -167,23 +188,5 @@ pub(crate) fn start() -> (StopPin, BoardRoverParts) {
         line_sensors,
         extras: ExtraParts::NONE,
     };
-    (StopPin, rover)
-}
-
-/// The input of the emergency stop's button: low while it is pressed.
-#[derive(Debug)]
-pub struct StopPin;
-
-impl digital::ErrorType for StopPin {
-    type Error = Infallible;
-}
-
-impl InputPin for StopPin {
-    fn is_high(&mut self) -> Result<bool, Infallible> {
-        Ok(wiring::STOP_BUTTON.is_high())
-    }
-
-    fn is_low(&mut self) -> Result<bool, Infallible> {
-        Ok(!wiring::STOP_BUTTON.is_high())
-    }
+    (wiring::STOP_BUTTON, rover)
 }
