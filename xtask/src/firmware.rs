@@ -327,6 +327,12 @@ pub fn is_of_qemu(root: &Path, board: &str) -> bool {
     runner.is_some_and(|it| it.starts_with("qemu-"))
 }
 
+/// Whether the board of that name has a firmware of its own for a part of silicon.
+pub fn has_hardware(root: &Path, board: &str) -> bool {
+    let text = std::fs::read_to_string(root.join("boards").join(board).join("board.toml"));
+    text.is_ok_and(|text| quoted_in(&text, "hardware", "features").is_some())
+}
+
 /// The names of all boards that have a firmware of their own, in order.
 pub fn boards(root: &Path) -> Vec<String> {
     let folders = std::fs::read_dir(root.join("boards")).into_iter().flatten();
@@ -405,7 +411,7 @@ fn build_in(
             cargo.args(["--features", feature]);
         }
         Features::Hardware(features) => {
-            cargo.args(["--no-default-features", "--features", features.as_ref()]);
+            cargo.args(["--no-default-features", "--features", features]);
         }
     }
     for bin in bins {

@@ -52,7 +52,7 @@ Options:
   --toolchain <rustup|debian|auto>   Which compiler builds firmware (also ESM_TOOLCHAIN) [default: auto]:
                                      rustup's with its target installed, or Debian's, which builds the core library from source
   --bin <NAME>                       firmware: what to build, may be repeated [default: rover]
-  --board <NAME>                     firmware, emulator: the board, one of those in boards/ [default: that of QEMU]
+  --board <NAME>                     firmware, emulator, size: the board, one of those in boards/ [default: that of QEMU]
   --hardware                         firmware: build the default firmware of --board for a part of silicon, where it is another than the emulator's,
                                      to rover-hardware.elf
   --example                          firmware: build examples/my_robot instead
@@ -226,7 +226,15 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             Some(board) if firmware::is_of_qemu(&root, board) => setup::emulator(),
             Some(board) => python::emulator(&root, board),
         },
-        "size" => size::command(&root, &setup::toolchain(choice)?, options.write),
+        "size" => {
+            let toolchain = setup::toolchain(choice)?;
+            match options.board.as_deref() {
+                None | Some(firmware::DEFAULT_BOARD) => {
+                    size::command(&root, &toolchain, options.write)
+                }
+                Some(board) => size::of_board(&root, board, &toolchain, options.write),
+            }
+        }
         "test" => test::command(
             &root,
             test::Selection {

@@ -4,8 +4,8 @@
 //! bits last for a third of a second. (QEMU derives the ticks of SysTick, timers and watchdog from
 //! the divisor in RCC; how long an instruction takes is set by `-icount`.)
 //!
-//! SysTick counts the time ([`cortex_m_board::sys_tick`]); the slot timer's interrupt comes at least
-//! every [`LONGEST_SLEEP_US`](crate::slot_timer::LONGEST_SLEEP_US).
+//! SysTick counts the time ([`cortex_m_board::sys_tick`]); the slot timer's interrupt comes at
+//! least every [`LONGEST_SLEEP_US`](crate::slot_timer::LONGEST_SLEEP_US).
 
 use cortex_m_board::sys_tick::{self, Source};
 use rt_firmware::board::microseconds;

@@ -26,8 +26,8 @@
 //! | 2 | SSI 0 (an unused vector, pended by software) | the link: requests, upload, trace and log streams |
 //! | 0 | none: the idle loop | background tasks; sleep |
 //!
-//! A critical section masks everything below the slot timer ([`cortex_m_board::basepri`]), so nothing delays a
-//! slot. The sides share nothing but queues with one reader and one writer.
+//! A critical section masks everything below the slot timer ([`cortex_m_board::basepri`]), so
+//! nothing delays a slot. The sides share nothing but queues with one reader and one writer.
 //!
 //! Nothing here names a robot: pins are an image ([`PINS`]) whose other end is the simulated plant
 //! ([`plant`]).

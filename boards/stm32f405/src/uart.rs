@@ -4,8 +4,6 @@
 //! [`line`](crate::line) has the queues around it. The part has no FIFO: it calls for each byte.
 
 use crate::pac::{USART1, usart1};
-#[cfg(feature = "emulation")]
-use cortex_m_board::line::LineBoard;
 use cortex_m_board::line::Wire;
 
 use crate::clock;
@@ -55,8 +53,8 @@ impl Wire for Uart {
     }
 
     /// A wire brings more by itself. The emulator looks at what stands for the wire only where its
-    /// virtual time stops: at the deadlines of its timers, while the core sleeps. So a timer without
-    /// an interrupt makes some, as long as bytes come.
+    /// virtual time stops: at the deadlines of its timers, while the core sleeps. So a timer
+    /// without an interrupt makes some, as long as bytes come.
     #[cfg(feature = "emulation")]
     fn expect_more(&mut self) {
         const LOOK_AGAIN_US: u32 = 40;
@@ -88,7 +86,7 @@ impl Wire for Uart {
         // The emulator sends at once, and does not call.
         #[cfg(feature = "emulation")]
         if sent {
-            Stm32f405::call_line();
+            <Stm32f405 as cortex_m_board::line::LineBoard>::call_line();
         }
     }
 }

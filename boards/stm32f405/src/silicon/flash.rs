@@ -4,8 +4,8 @@
 //! While the chip erases or writes, nothing can be read from its flash: a processor that runs from
 //! it stands still, for up to 2 s with an erase. So nothing is erased or written as long as a motor
 //! has power: the operation fails, and the store says that the flash did not take it. A robot that
-//! stands is deaf meanwhile, its clock may stand still for rounds of SysTick, and the watchdog is fed
-//! by a function in RAM.
+//! stands is deaf meanwhile, its clock may stand still for rounds of SysTick, and the watchdog is
+//! fed by a function in RAM.
 
 use cortex_m_board::on_chip_flash::{Cells, OnChip};
 use cortex_m_board::store::{self, FlashTimes};

@@ -165,8 +165,8 @@ fn start_ports() {
     });
 }
 
-/// Starts all that is at the pins, but for the link; gives the emergency stop's button, which is low
-/// while it is pressed, and the rover's parts. To be called once, with interrupts off.
+/// Starts all that is at the pins, but for the link; gives the emergency stop's button, which is
+/// low while it is pressed, and the rover's parts. To be called once, with interrupts off.
 pub(crate) fn start() -> (Pin, BoardRoverParts) {
     start_ports();
     let [(left_pwm, left_direction), (right_pwm, right_direction)] = motors::start();

@@ -38,7 +38,7 @@ pub const TRIGGERS: [Pin; 8] = [
     pin(Port::B, 13),
 ];
 
-/// Echoes of two neighbours each, behind diodes: channels 1 and 3 of TIM5, channels 1 and 4 of TIM1.
+/// Echoes of two neighbours each, behind diodes: channels 1 and 3 of TIM5, 1 and 4 of TIM1.
 pub const ECHOES: [Pin; 4] = [
     pin(Port::A, 0),
     pin(Port::A, 2),
