@@ -23,7 +23,7 @@
 /// | name | what it is |
 /// |---|---|
 /// | `NAME`, `settings`, `Memory` | its name, and what `board.toml` says, as constants |
-/// | `start`, `Parts` | the first code, which gives a [`Start`](sides::Start), and the robot's pins |
+/// | `start`, `Parts` | the first code, which gives a [`Start`](crate::sides::Start), and the robot's pins |
 /// | `slots::SlotBoard` | the [`Board`](rt_firmware::Board) for the slot timer's handler |
 /// | `slot_timer` | `start`, `begin` (first of all in the handler), `set` (last) |
 /// | `flash` | `StoreMemory`, `open` |

@@ -7,12 +7,12 @@
 //! | [`bridge`], [`captured_echo`], [`pings`] | what drivers of motors and sonars have in common |
 //! | [`chip`], [`chip_board`] | what a chip brings; the board as slots see it, where its body is its own |
 //! | [`crash`] | RAM that a reset leaves alone, and how a firmware ends |
-//! | [`line`] | queues between the interrupt of a serial line and the link |
+//! | [`mod@line`] | queues between the interrupt of a serial line and the link |
 //! | [`log`] | rings of log frames, which never delay a slot |
 //! | [`sides`] | the sides of a runtime, in their places |
 //! | [`stack`] | how deep the stack went |
 //! | [`store`], [`on_chip_flash`], [`no_flash`] | missions and records in flash, in that of the chip, or none |
-//! | [`plant`], [`plant_board`], [`plant_flash`], [`emulated_line`] | in an emulator: the body that a plant is, its flash, and the link by way of it |
+//! | [`plant`], [`plant_board`], [`mod@plant_flash`], [`emulated_line`] | in an emulator: the body that a plant is, its flash, and the link by way of it |
 //!
 //! A board brings the rest: its clocks, its slot timer, its pins, and the critical section, which
 //! must never mask the slot timer.

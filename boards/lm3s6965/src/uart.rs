@@ -1,6 +1,6 @@
 //! UART0, the serial line of the link: 115,200 baud, 8 bits, no parity.
 //!
-//! [`line`](crate::line) has the queues around it.
+//! [The line](crate::line) has the queues around it.
 
 use cortex_m::peripheral::NVIC;
 use cortex_m_board::line::Wire;

@@ -1,5 +1,5 @@
 //! The link's line: moved by the interrupt of USART 1; in the emulator, also by that of timer 5
-//! ([`cortex_m_board::plant_line`]).
+//! (`cortex_m_board::plant_line`).
 
 use crate::pac::Interrupt;
 use cortex_m::peripheral::NVIC;

@@ -1,7 +1,7 @@
 //! USART 1, the serial line of the link: 115,200 baud, 8 bits, no parity, on PA9 (TX) and PA10
 //! (RX).
 //!
-//! [`line`](crate::line) has the queues around it. The part has no FIFO: it calls for each byte.
+//! [The line](crate::line) has the queues around it. The part has no FIFO: it calls for each byte.
 
 use crate::pac::{USART1, usart1};
 use cortex_m_board::line::Wire;

@@ -1,5 +1,5 @@
 //! Sonars: their triggers, and their echoes, timed by the capture units of TIM5 and TIM1
-//! ([`captured_echo`](cortex_m_board::captured_echo)). Two neighbours share an echo pin, and never
+//! ([`captured_echo`]). Two neighbours share an echo pin, and never
 //! ping at once.
 
 use cortex_m_board::captured_echo::{self, Capture, Place};
