@@ -178,12 +178,12 @@ impl Robot {
             Plant::new(world, BodyParameters::default(), 1).map_err(|error| error.to_string())?;
         let plant = PlantSide::new(plant, Pace::new(true), None);
         let served = plant.clone();
-        let capacities = boards::find(boards::DEFAULT).map(|board| board.capacities);
-        let blob_bytes = capacities.map_or(0, |capacities| capacities.blob_bytes);
+        let board = boards::find(boards::DEFAULT).map_err(|error| error.to_string())?;
+        let blob_bytes = board.capacities.blob_bytes;
         let flash = plant.flash(flash_bytes(blob_bytes, ERASE_BYTES as u32));
         let answer = move |request: &_| served.exchange(request);
-        let mut emulator =
-            Emulator::start(firmware, idle, answer, flash).map_err(|error| error.to_string())?;
+        let mut emulator = Emulator::start(board, firmware, idle, answer, flash)
+            .map_err(|error| error.to_string())?;
         let uart = emulator.take_uart().ok_or("the emulator has no UART")?;
         let line = Lent(Arc::new(Mutex::new(Paced::new(uart, DEFAULT_BAUD))));
         let blob = subject::build_file(&root().join(MISSION))?.blob;

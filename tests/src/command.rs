@@ -81,17 +81,19 @@ pub fn firmware(name: &str) -> PathBuf {
     root().join(format!("target/firmware/lm3s6965/{name}.elf"))
 }
 
-/// The default firmware of the board of that name, whose chip has an emulator of its own, which is
+/// The default firmware of the board of that name, which is not the default one; its emulator is
 /// installed if need be. Never older than its source.
 ///
 /// # Panics
 /// As [`firmware`].
 pub fn chip_firmware(board: &str) -> PathBuf {
-    static BUILT: OnceLock<()> = OnceLock::new();
-    BUILT.get_or_init(|| {
+    static BUILT: Mutex<Vec<String>> = Mutex::new(Vec::new());
+    let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
+    if built.iter().all(|name| name != board) {
         make(&["xtask", "emulator", "--board", board]);
         make(&["xtask", "firmware", "--board", board]);
-    });
+        built.push(board.to_owned());
+    }
     root().join(format!("target/firmware/{board}/rover.elf"))
 }
 

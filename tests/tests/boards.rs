@@ -11,7 +11,9 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::Duration;
 
-use esm_tests::command::{Done, esm, esm_timed, figure, firmware, root};
+use esm_tests::command::{Done, chip_firmware, esm, esm_timed, figure, firmware, root};
+use esm_tests::environment;
+use host_tools::boards;
 use host_tools::files::load_world;
 use host_tools::host_board::{self, RobotMaker};
 use host_tools::lang;
@@ -147,10 +149,14 @@ fn drive_on(
     let world = format!("missions/worlds/{world}.world");
     let until = format!("{until_s} s");
     let trace = trace.to_str().unwrap();
-    let elf = firmware("rover");
     let mut arguments = vec!["run", &mission, "--board", board, "--world", &world];
     arguments.extend(["--until", &until, "--trace", trace]);
-    if board == "lm3s6965" {
+    let elf = match board {
+        "host" => None,
+        boards::DEFAULT => Some(firmware("rover")),
+        other => Some(chip_firmware(other)),
+    };
+    if let Some(elf) = &elf {
         arguments.extend(["--firmware", elf.to_str().unwrap()]);
     }
     arguments.extend(more);
@@ -236,6 +242,90 @@ fn the_emulated_board_and_the_host_give_the_same_trace() {
         );
         assert!(!run.trace.contains(r#""kind":"fault""#), "{what}");
     }
+}
+
+/// Names of the files in a folder below the checkout that end so, without that, in order.
+fn names(folder: &str, ending: &str) -> Vec<String> {
+    let entries = std::fs::read_dir(root().join(folder)).into_iter().flatten();
+    let mut names: Vec<String> = entries
+        .filter_map(|entry| {
+            let name = entry.ok()?.file_name().into_string().ok()?;
+            Some(name.strip_suffix(ending)?.to_owned())
+        })
+        .collect();
+    names.sort();
+    names
+}
+
+/// Each mission that ships in a world of its own, and each world at least once; all in all of them
+/// where the whole is asked for.
+fn shipped_runs() -> Vec<(String, String)> {
+    // It has nothing but declarations.
+    let missions = names("missions", ".esm");
+    let missions: Vec<String> = missions.into_iter().filter(|it| it != "rover").collect();
+    let worlds = names("missions/worlds", ".world");
+    if environment::number("ESM_BOARDS_ALL_WORLDS", 0) == 1 {
+        let in_all = |mission: &String| {
+            let with = |world: &String| (mission.clone(), world.clone());
+            worlds.iter().map(with).collect::<Vec<_>>()
+        };
+        return missions.iter().flat_map(in_all).collect();
+    }
+    let mut runs = Vec::new();
+    for mission in missions {
+        // A goal is named after its world.
+        let goals = names(&format!("missions/{mission}"), ".goal");
+        let own = if goals.is_empty() {
+            vec!["office".to_owned()]
+        } else {
+            goals
+        };
+        runs.extend(own.into_iter().map(|world| (mission.clone(), world)));
+    }
+    for world in worlds {
+        if runs.iter().all(|(_, driven_in)| *driven_in != world) {
+            runs.push(("patrol".to_owned(), world));
+        }
+    }
+    runs
+}
+
+#[test]
+fn every_other_board_in_qemu_gives_the_hosts_trace_of_each_mission_that_ships() {
+    let until_s = environment::number("ESM_BOARDS_S", 10);
+    let others = boards::all().filter(|board| {
+        let machine = board.firmware.and_then(|firmware| firmware.machine());
+        machine.is_some() && board.name != boards::DEFAULT
+    });
+    let runs = shipped_runs();
+    let mut driven = 0;
+    for board in others {
+        for (mission, world) in &runs {
+            let file = |name: &str| folder().join(format!("{mission}-{world}-{name}"));
+            let recording = file(&format!("{}.rec", board.name));
+            let kept = recording.to_str().unwrap();
+            let drive = |on: &str, word: &str| {
+                let trace = file(&format!("{}-{on}.jsonl", board.name));
+                drive_on(on, mission, world, until_s, &trace, &[word, kept])
+            };
+            let (emulated, (done, _)) = drive(board.name, "--record");
+            let (on_host, _) = drive("host", "--replay");
+            let what = format!("{mission} in {world} on {}", board.name);
+            if let Some(difference) = first_difference(&emulated, &on_host) {
+                panic!("{what}: emulator and host differ in {difference}");
+            }
+            assert_eq!(figure(&done.out, "slots missed"), Some(0.0), "{what}");
+            let steps = emulated.matches(r#""kind":"step""#).count();
+            assert!(steps as u64 >= until_s * 5, "{what}: {steps} macro steps");
+            assert!(!emulated.contains(r#""kind":"fault""#), "{what}");
+            driven += 1;
+        }
+    }
+    println!("{driven} runs of {until_s} s, each with the trace of the host");
+    assert!(
+        driven >= runs.len(),
+        "there is a board besides the default one"
+    );
 }
 
 #[test]

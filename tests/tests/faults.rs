@@ -153,6 +153,28 @@ fn the_chip_tells_a_brown_out_and_a_pin_from_the_rest() {
     }
 }
 
+#[path = "../../boards/stm32f405/src/reset_cause.rs"]
+mod stm32f405_reset_cause;
+
+#[test]
+fn the_stm32f405_tells_a_power_on_from_what_comes_with_it_and_the_pin_from_the_rest() {
+    use esm_link::message::ResetReason::{BrownOut, Pin, PowerOn, Software, Watchdog};
+    for (csr, expected) in [
+        (0, None),
+        // Those of RM0090, 7.3.21; the low-speed clock's bits stand below.
+        (0x0C00_0000, Some(PowerOn)),
+        (0x0E00_0003, Some(PowerOn)),
+        (0x0600_0000, Some(BrownOut)),
+        (0x2400_0000, Some(Watchdog)),
+        (0x1400_0000, Some(Software)),
+        (0x0400_0000, Some(Pin)),
+        (0x0000_0003, None),
+    ] {
+        let reason = stm32f405_reset_cause::reason(csr);
+        assert_eq!(reason, expected, "{csr:#x}");
+    }
+}
+
 #[test]
 fn what_ends_the_firmware_is_told_after_the_reset() {
     for (task, reason, detail) in [

@@ -26,6 +26,7 @@ use esm_link::message::{
 use esm_tests::command::{firmware, root};
 use esm_tests::random::Random;
 use esm_tests::{environment, subject};
+use host_tools::boards;
 use host_tools::files::load_world;
 use host_tools::keys::SigningKey;
 use host_tools::link_client::{ClientError, LinkClient, Streams};
@@ -582,7 +583,9 @@ fn watched_robot() -> (Emulator, Crowded, Arc<Mutex<Motors>>) {
     };
     let (near, line) = line::pair();
     let elf = firmware("rover");
-    let emulator = Emulator::start_linked(&elf, Idle::Passes, answer, flash, Some(near)).unwrap();
+    let board = boards::find(boards::DEFAULT).unwrap();
+    let emulator =
+        Emulator::start_linked(board, &elf, Idle::Passes, answer, flash, Some(near)).unwrap();
     let line = Crowded {
         line: Arc::new(Mutex::new(Box::new(line))),
         flood: Arc::new(Mutex::new((Flood::Nothing, 0))),

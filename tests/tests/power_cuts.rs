@@ -113,8 +113,9 @@ impl Board {
                     sensors: Sensors::default(),
                 };
                 let elf = firmware("rover");
+                let board = self.about();
                 let mut emulator =
-                    Emulator::start(&elf, Idle::Passes, still, flash.clone()).unwrap();
+                    Emulator::start(board, &elf, Idle::Passes, still, flash.clone()).unwrap();
                 let line = Paced::new(emulator.take_uart().unwrap(), BAUD);
                 (emulator, Box::new(line))
             }

@@ -131,6 +131,16 @@ const CAMPAIGNS: &[Campaign] = &[
         hogs: 0,
     },
     Campaign {
+        name: "boards",
+        what: "all missions that ship in all worlds, a minute each, on all boards of QEMU: the traces of the host (15 min)",
+        package: "esm-tests",
+        target: &["--test", "boards"],
+        tests: "every_other_board_in_qemu",
+        settings: &[("ESM_BOARDS_ALL_WORLDS", "1"), ("ESM_BOARDS_S", "60")],
+        needs_firmware: true,
+        hogs: 0,
+    },
+    Campaign {
         name: "missions",
         what: "all missions that have a goal file, over 100 seeds each: they reach their goals, and touch nothing that they could have avoided (1 min)",
         package: "esm-tests",

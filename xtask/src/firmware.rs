@@ -97,6 +97,42 @@ pub fn build_for(
     )
 }
 
+/// Builds the default firmware of the board of that name for a part of silicon, where what is built
+/// without a word is for an emulator; returns where its ELF file is.
+///
+/// # Errors
+/// [`Failure`]: there is no such board, its firmware is the same for both, or what did not build.
+pub fn build_hardware(
+    root: &Path,
+    board: &str,
+    toolchain: &Toolchain,
+) -> Result<Vec<PathBuf>, Failure> {
+    let folder = root.join("boards").join(board);
+    let file = folder.join("board.toml");
+    let target = setting(&folder, "target")?;
+    let text = std::fs::read_to_string(&file).map_err(|cause| Failure::File {
+        path: file.clone(),
+        cause,
+    })?;
+    let Some(features) = quoted_in(&text, "hardware", "features") else {
+        return Err(Failure::Usage(format!(
+            "the board {board} has one firmware: leave --hardware out"
+        )));
+    };
+    if target != BOARD_TARGET {
+        setup::another_target(toolchain, &target)?;
+    }
+    let for_board = Board {
+        name: board,
+        target: &target,
+    };
+    let bins = [DEFAULT_BIN.to_owned()];
+    let features = Features::Hardware(&features);
+    build_in(
+        root, &folder, for_board, toolchain, RELEASE, &bins, features,
+    )
+}
+
 /// Builds `bins` of the crate in `folder` for the board of that name.
 fn build_on(
     root: &Path,
@@ -122,6 +158,12 @@ fn quoted(text: &str, key: &str) -> Option<String> {
     let mut values = text.lines().filter_map(|line| line.split_once(" = "));
     let (_, value) = values.find(|(name, _)| *name == key)?;
     value.split('"').nth(1).map(str::to_owned)
+}
+
+/// The same in a section of the file.
+fn quoted_in(text: &str, section: &str, key: &str) -> Option<String> {
+    let (_, rest) = text.split_once(&format!("\n[{section}]\n"))?;
+    quoted(rest.split("\n[").next()?, key)
 }
 
 /// A text of a board's `board.toml`.
@@ -260,12 +302,47 @@ fn build_of_file(
 /// # Errors
 /// [`Failure::Ended`] if it found something.
 pub fn lint(root: &Path, folder: &Path, toolchain: &Toolchain) -> Result<(), Failure> {
-    let mut cargo = toolchain.cargo(folder);
-    cargo
-        .args(["clippy", "--quiet", "--release", "--target-dir"])
-        .arg(root.join(BUILD_FOLDER))
-        .args(["--", "-D", "warnings"]);
-    process::run(&mut cargo)
+    // A firmware for a part of silicon has code that the others have not.
+    let text = std::fs::read_to_string(folder.join("board.toml")).unwrap_or_default();
+    let hardware = quoted_in(&text, "hardware", "features");
+    for features in [None].into_iter().chain(hardware.map(Some)) {
+        let mut cargo = toolchain.cargo(folder);
+        cargo.args(["clippy", "--quiet", "--release"]);
+        if let Some(features) = features {
+            cargo.args(["--no-default-features", "--features", features.as_ref()]);
+        }
+        cargo
+            .arg("--target-dir")
+            .arg(root.join(BUILD_FOLDER))
+            .args(["--", "-D", "warnings"]);
+        process::run(&mut cargo)?;
+    }
+    Ok(())
+}
+
+/// Whether the board of that name is emulated by QEMU.
+pub fn is_of_qemu(root: &Path, board: &str) -> bool {
+    let text = std::fs::read_to_string(root.join("boards").join(board).join("board.toml"));
+    let runner = text.ok().and_then(|it| quoted_in(&it, "runner", "command"));
+    runner.is_some_and(|it| it.starts_with("qemu-"))
+}
+
+/// Whether the board of that name has a firmware of its own for a part of silicon.
+pub fn has_hardware(root: &Path, board: &str) -> bool {
+    let text = std::fs::read_to_string(root.join("boards").join(board).join("board.toml"));
+    text.is_ok_and(|text| quoted_in(&text, "hardware", "features").is_some())
+}
+
+/// The names of all boards that have a firmware of their own, in order.
+pub fn boards(root: &Path) -> Vec<String> {
+    let folders = std::fs::read_dir(root.join("boards")).into_iter().flatten();
+    let mut names: Vec<String> = folders
+        .flatten()
+        .filter(|folder| folder.path().join("board.toml").is_file())
+        .filter_map(|folder| folder.file_name().into_string().ok())
+        .collect();
+    names.sort();
+    names
 }
 
 /// Which features of the board's a firmware is built with.
@@ -275,6 +352,8 @@ enum Features<'a> {
     None,
     /// The default ones and this one.
     With(&'a str),
+    /// These, which are for a part of silicon.
+    Hardware(&'a str),
 }
 
 impl Features<'_> {
@@ -284,6 +363,7 @@ impl Features<'_> {
             Features::Default => String::new(),
             Features::None => "-lean".to_owned(),
             Features::With(feature) => format!("-{feature}"),
+            Features::Hardware(_) => "-hardware".to_owned(),
         }
     }
 }
@@ -329,6 +409,9 @@ fn build_in(
         }
         Features::With(feature) => {
             cargo.args(["--features", feature]);
+        }
+        Features::Hardware(features) => {
+            cargo.args(["--no-default-features", "--features", features]);
         }
     }
     for bin in bins {

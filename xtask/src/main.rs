@@ -52,7 +52,9 @@ Options:
   --toolchain <rustup|debian|auto>   Which compiler builds firmware (also ESM_TOOLCHAIN) [default: auto]:
                                      rustup's with its target installed, or Debian's, which builds the core library from source
   --bin <NAME>                       firmware: what to build, may be repeated [default: rover]
-  --board <NAME>                     firmware, emulator: the board, one of those in boards/ [default: that of QEMU]
+  --board <NAME>                     firmware, emulator, size: the board, one of those in boards/ [default: that of QEMU]
+  --hardware                         firmware: build the default firmware of --board for a part of silicon, where it is another than the emulator's,
+                                     to rover-hardware.elf
   --example                          firmware: build examples/my_robot instead
   --robot <FOLDER>                   firmware: build the robot in FOLDER, a copy of examples/my_robot or my_pico; with --bin if its program has another name
   --lean                             firmware: build the default firmware without its features, to rover-lean.elf
@@ -69,6 +71,7 @@ struct Options {
     toolchain: Option<Choice>,
     bins: Vec<String>,
     board: Option<String>,
+    hardware: bool,
     example: bool,
     robot: Option<PathBuf>,
     lean: bool,
@@ -128,6 +131,7 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure
             "--toolchain" => options.toolchain = Some(Choice::from_name(&value()?)?),
             "--bin" => options.bins.push(value()?),
             "--board" => options.board = Some(value()?),
+            "--hardware" => options.hardware = true,
             "--example" => options.example = true,
             "--robot" => options.robot = Some(value()?.into()),
             "--lean" => options.lean = true,
@@ -175,6 +179,12 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
         "firmware" => {
             let names_robot = options.example || options.robot.is_some();
             let is_variant = options.lean || options.with.is_some();
+            if options.hardware && (names_robot || is_variant || !options.bins.is_empty()) {
+                return Err(Failure::Usage(
+                    "--hardware builds the default firmware of a board: give it with --board alone"
+                        .to_owned(),
+                ));
+            }
             if options.board.is_some() && (names_robot || is_variant) {
                 return Err(Failure::Usage(
                     "--example, --lean and --with are of the default board, and the file of a --robot names its \
@@ -202,16 +212,29 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             } else {
                 &options.bins
             };
+            if options.hardware {
+                let board = options.board.as_deref().unwrap_or(firmware::DEFAULT_BOARD);
+                return firmware::build_hardware(&root, board, &toolchain).map(print_files);
+            }
             if let Some(board) = &options.board {
                 return firmware::build_for(&root, board, &toolchain, bins).map(print_files);
             }
             firmware::build(&root, &toolchain, firmware::RELEASE, bins).map(print_files)
         }
         "emulator" => match options.board.as_deref() {
-            None | Some(firmware::DEFAULT_BOARD) => setup::emulator(),
+            None => setup::emulator(),
+            Some(board) if firmware::is_of_qemu(&root, board) => setup::emulator(),
             Some(board) => python::emulator(&root, board),
         },
-        "size" => size::command(&root, &setup::toolchain(choice)?, options.write),
+        "size" => {
+            let toolchain = setup::toolchain(choice)?;
+            match options.board.as_deref() {
+                None | Some(firmware::DEFAULT_BOARD) => {
+                    size::command(&root, &toolchain, options.write)
+                }
+                Some(board) => size::of_board(&root, board, &toolchain, options.write),
+            }
+        }
         "test" => test::command(
             &root,
             test::Selection {

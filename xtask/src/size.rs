@@ -36,18 +36,24 @@ pub const LEAN_LIMITS: &str = "limits.lean";
 const INTERPRETER_LIMIT: &str = "interpreter_flash_bytes";
 
 impl Limits {
+    /// Those of the default board.
     fn read(root: &Path, section: &str) -> Result<Self, Failure> {
+        Self::of(root, Path::new(BOARD_FOLDER), section)
+    }
+
+    /// Those of the board in a folder below the checkout.
+    fn of(root: &Path, board: &Path, section: &str) -> Result<Self, Failure> {
         Ok(Limits {
-            flash: number(root, section, "flash_bytes")?,
-            ram: number(root, section, "ram_bytes")?,
-            stack: number(root, section, "stack_bytes")?,
+            flash: number(root, board, section, "flash_bytes")?,
+            ram: number(root, board, section, "ram_bytes")?,
+            stack: number(root, board, section, "stack_bytes")?,
         })
     }
 }
 
-/// A number of a section of `board.toml`.
-fn number(root: &Path, section: &str, key: &str) -> Result<u32, Failure> {
-    let path = root.join(BOARD_FOLDER).join("board.toml");
+/// A number of a section of a `board.toml`.
+fn number(root: &Path, board: &Path, section: &str, key: &str) -> Result<u32, Failure> {
+    let path = root.join(board).join("board.toml");
     let text = std::fs::read_to_string(&path).map_err(|cause| Failure::File {
         path: path.clone(),
         cause,
@@ -269,7 +275,7 @@ pub fn command(root: &Path, toolchain: &Toolchain, write: bool) -> Result<(), Fa
         lean,
         &Limits::read(root, LEAN_LIMITS)?,
     ));
-    let interpreter_limit = number(root, LIMITS, INTERPRETER_LIMIT)?;
+    let interpreter_limit = number(root, Path::new(BOARD_FOLDER), LIMITS, INTERPRETER_LIMIT)?;
     problems.extend(excess(
         "interpreter, verifier and dispatcher",
         interpreter,
@@ -289,6 +295,89 @@ pub fn command(root: &Path, toolchain: &Toolchain, write: bool) -> Result<(), Fa
         }
         failed => Err(Failure::Checks { failed }),
     }
+}
+
+/// Prints the sizes of another board's firmware, and of that for a part of silicon where it is
+/// another, and compares them with the board's expected ones or keeps them.
+///
+/// # Errors
+/// [`Failure::Checks`] if a limit or a tolerance is exceeded, another [`Failure`] if the firmware
+/// does not build.
+pub fn of_board(
+    root: &Path,
+    board: &str,
+    toolchain: &Toolchain,
+    write: bool,
+) -> Result<(), Failure> {
+    let mut files = firmware::build_for(root, board, toolchain, &[DEFAULT_BIN.to_owned()])?;
+    if firmware::has_hardware(root, board) {
+        files.extend(firmware::build_hardware(root, board, toolchain)?);
+    }
+    let folder = Path::new("boards").join(board);
+    let limits = Limits::of(root, &folder, LIMITS)?;
+    let mut now = format!(
+        "# Flash and RAM of the firmware in bytes; kept by `cargo xtask size --board {board} --write`.\n"
+    );
+    let mut problems = Vec::new();
+    for (file, image) in files.iter().zip(images(&files)?) {
+        let name = file.file_stem().unwrap_or_default().display();
+        for (part, Size { flash, ram }) in parts_of(&image) {
+            println!("{name} {part:<24} {flash:>7} {ram:>7}");
+        }
+        let Size { flash, ram } = whole(&image);
+        // Writing to a string cannot fail.
+        let _ = writeln!(now, "{name} {flash} {ram}");
+        problems.extend(excesses(&name.to_string(), &image, &limits));
+    }
+    let path = root.join(folder).join(EXPECTED_FILE);
+    let of_file = |cause| Failure::File {
+        path: path.clone(),
+        cause,
+    };
+    println!("\n{now}");
+    if write {
+        std::fs::write(&path, &now).map_err(of_file)?;
+    }
+    let expected = std::fs::read_to_string(&path).map_err(of_file)?;
+    problems.extend(unexpected(&expected, &now));
+    for problem in &problems {
+        println!("{problem}");
+    }
+    match problems.len() {
+        0 => Ok(()),
+        failed => Err(Failure::Checks { failed }),
+    }
+}
+
+/// The rows of a board's sizes that differ from the expected ones by more than the tolerance.
+fn unexpected(expected: &str, now: &str) -> Vec<String> {
+    let rows = |text: &str| -> BTreeMap<String, Vec<u32>> {
+        let rows = text.lines().filter(|line| !line.starts_with('#'));
+        rows.map(|row| {
+            let mut words = row.split(' ');
+            let name = words.next().unwrap_or_default().to_owned();
+            (name, words.filter_map(|word| word.parse().ok()).collect())
+        })
+        .collect()
+    };
+    let (expected, now) = (rows(expected), rows(now));
+    let names: BTreeSet<&String> = expected.keys().chain(now.keys()).collect();
+    let is_near = |(now, then): (&u32, &u32)| {
+        now.abs_diff(*then) <= (then / TOLERANCE_PART).max(TOLERANCE_BYTES)
+    };
+    let differs = |name: &&&String| match (now.get(**name), expected.get(**name)) {
+        (Some(now), Some(then)) => now.len() != then.len() || !now.iter().zip(then).all(is_near),
+        _ => true,
+    };
+    (names.iter().filter(differs))
+        .map(|name| {
+            format!(
+                "Not as expected: {name}: {:?}, expected {:?}. If that is meant: --write",
+                now.get(*name),
+                expected.get(*name)
+            )
+        })
+        .collect()
 }
 
 /// Bytes of flash that interpreter, verifier and dispatcher take, with the plain setting for size.
@@ -668,6 +757,27 @@ mod tests {
             ("something_else", "other"),
         ] {
             assert_eq!(part_of(name), part, "{name}");
+        }
+    }
+
+    #[test]
+    fn sizes_of_a_board_may_differ_from_the_expected_by_the_tolerance() {
+        let expected = "# sizes\nrover 200000 90000\nrover-hardware 220000 90000\n";
+        let near = "rover 209999 90001\nrover-hardware 220000 90000\n";
+        assert_eq!(unexpected(expected, near), [] as [String; 0]);
+        for (now, name) in [
+            (
+                "rover 210001 90000\nrover-hardware 220000 90000\n",
+                "rover:",
+            ),
+            ("rover 200000 90000\n", "rover-hardware:"),
+            (
+                "rover 200000 90000\nrover-hardware 220000\n",
+                "rover-hardware:",
+            ),
+        ] {
+            let told = unexpected(expected, now);
+            assert!(matches!(&told[..], [one] if one.contains(name)), "{told:?}");
         }
     }
 }

@@ -275,11 +275,9 @@ const UNLOCKED: [&str; 3] = ["esm", "boards/cortex_m", "boards/settings"];
 const FIRMWARE_FEATURES: &str = "rt-firmware/all-tasks,rt-firmware/black-box,rt-firmware/defmt,rt-firmware/docs,\
      rt-firmware/keys,rt-firmware/news,rt-firmware/params,rt-firmware/record,rt-firmware/telemetry,rt-firmware/warm";
 
-/// The workspaces that have a lock file.
-const LOCKED: [&str; 8] = [
+/// The workspaces that have a lock file, but for the boards'.
+const LOCKED: [&str; 6] = [
     "",
-    BOARD_FOLDER,
-    CHIP_FOLDER,
     FILE_EXAMPLE_FOLDER,
     EXAMPLE_FOLDER,
     EXAMPLE_FIRMWARE_FOLDER,
@@ -287,12 +285,23 @@ const LOCKED: [&str; 8] = [
     bench::MACHINES_FOLDER,
 ];
 
+/// The workspaces that have a lock file: [`LOCKED`], and each board.
+fn locked(root: &Path) -> Vec<String> {
+    let boards = firmware::boards(root).into_iter();
+    let boards = boards.map(|board| format!("boards/{board}"));
+    LOCKED
+        .into_iter()
+        .map(str::to_owned)
+        .chain(boards)
+        .collect()
+}
+
 /// What needs no firmware: form, lints, documentation, and whether the tests notice mutants.
 fn checks(root: &Path, tally: &mut Tally) {
     tally.step("lines that are too wide", || form::command(root, false));
     tally.step("lock files name what is built", || {
         // What a user builds is what was tested, and a build leaves the checkout as it was.
-        LOCKED.into_iter().try_for_each(|folder| {
+        locked(root).iter().try_for_each(|folder| {
             let arguments = ["update", "--workspace", "--locked", "--quiet"];
             process::run(cargo(&root.join(folder)).args(arguments))
         })
@@ -300,17 +309,18 @@ fn checks(root: &Path, tally: &mut Tally) {
     let rustfmt = has_component("fmt");
     let clippy = has_component("clippy");
     if rustfmt {
-        for folder in LOCKED.into_iter().chain(UNLOCKED) {
+        let unlocked = UNLOCKED.map(str::to_owned);
+        for folder in locked(root).into_iter().chain(unlocked) {
             let name = format!(
                 "formatting of {}",
                 if folder.is_empty() {
                     "the workspace"
                 } else {
-                    folder
+                    &folder
                 }
             );
             tally.step(&name, || {
-                process::run(cargo(&root.join(folder)).args(["fmt", "--all", "--check"]))
+                process::run(cargo(&root.join(&folder)).args(["fmt", "--all", "--check"]))
             });
         }
     } else {
@@ -405,6 +415,20 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
             let folders = [CHIP_FOLDER, FILE_EXAMPLE_FOLDER];
             (folders.iter()).try_for_each(|it| firmware::lint(root, &root.join(it), toolchain))
         });
+    }
+    for board in firmware::boards(root) {
+        if board == firmware::DEFAULT_BOARD || !firmware::is_of_qemu(root, &board) {
+            continue;
+        }
+        tally.step(&format!("firmware of the {board}, and its sizes"), || {
+            // Built for the emulator and for a part of silicon.
+            size::of_board(root, &board, toolchain, false)
+        });
+        if toolchain.has_clippy() && has_component("clippy") {
+            tally.step(&format!("lints of the {board}'s firmware"), || {
+                firmware::lint(root, &root.join("boards").join(&board), toolchain)
+            });
+        }
     }
     tally.step("my_pico: firmware", || {
         let folder = root.join(FILE_EXAMPLE_FOLDER);

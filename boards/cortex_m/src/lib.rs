@@ -2,26 +2,65 @@
 //!
 //! | module | what it holds |
 //! |---|---|
+//! | [`app!`] | the RTIC app of a firmware, as a macro |
+//! | [`basepri`], [`sys_tick`] | critical section and time, on cores of ARMv7-M |
+//! | [`bridge`], [`captured_echo`], [`pings`] | what drivers of motors and sonars have in common |
+//! | [`chip`], [`chip_board`] | what a chip brings; the board as slots see it, where its body is its own |
 //! | [`crash`] | RAM that a reset leaves alone, and how a firmware ends |
-//! | [`line`] | queues between the interrupt of a serial line and the link |
+//! | [`mod@line`] | queues between the interrupt of a serial line and the link |
 //! | [`log`] | rings of log frames, which never delay a slot |
 //! | [`sides`] | the sides of a runtime, in their places |
 //! | [`stack`] | how deep the stack went |
-//! | [`store`], [`no_flash`] | missions and records in flash, or none |
+//! | [`store`], [`on_chip_flash`], [`no_flash`] | missions and records in flash, in that of the chip, or none |
+//! | [`plant`], [`plant_board`], [`mod@plant_flash`], [`emulated_line`] | in an emulator: the body that a plant is, its flash, and the link by way of it |
 //!
-//! A board brings the rest: its clock, its slot timer, its pins, and the critical section, which
+//! A board brings the rest: its clocks, its slot timer, its pins, and the critical section, which
 //! must never mask the slot timer.
 #![no_std]
 
+mod app;
+#[cfg(target_has_atomic = "32")]
+pub mod basepri;
+pub mod bridge;
+#[cfg(target_has_atomic = "32")]
+pub mod captured_echo;
+#[cfg(target_has_atomic = "32")]
+pub mod chip;
+#[cfg(target_has_atomic = "32")]
+pub mod chip_board;
+#[cfg(feature = "plant")]
+pub mod console;
 pub mod crash;
+#[cfg(feature = "plant")]
+pub mod emulated_line;
+#[cfg(feature = "plant")]
+pub mod last_exchange;
 pub mod line;
+#[cfg(feature = "plant")]
+pub mod line_timer;
 #[cfg(feature = "log")]
 pub mod log;
 pub mod no_flash;
+#[cfg(feature = "store")]
+pub mod on_chip_flash;
+pub mod pings;
+#[cfg(feature = "plant")]
+pub mod plant;
+#[cfg(feature = "plant")]
+pub mod plant_board;
+#[cfg(all(feature = "plant", feature = "store"))]
+pub mod plant_flash;
+#[cfg(feature = "plant-line")]
+pub mod plant_line;
+#[cfg(all(feature = "plant", not(feature = "plant-line")))]
+#[path = "no_plant_line.rs"]
+pub mod plant_line;
 pub mod sides;
 pub mod stack;
 #[cfg(feature = "store")]
 pub mod store;
+#[cfg(target_has_atomic = "32")]
+pub mod sys_tick;
 
 use core::mem::MaybeUninit;
 

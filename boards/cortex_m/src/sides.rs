@@ -2,6 +2,7 @@
 
 use core::mem::MaybeUninit;
 
+use esm_link::message::ResetReason;
 use rt_firmware::{Background, LinkSide, RealTime, RegistryFault};
 
 /// The sides of a runtime: for the slot timer's interrupt, for the idle loop, for the link's task.
@@ -13,6 +14,16 @@ pub struct Sides {
     pub background: Background<'static, 'static>,
     /// For the link's task.
     pub link: &'static mut LinkSide<'static, 'static>,
+}
+
+/// What the first code of a firmware finds out and makes.
+pub struct Start<B, P> {
+    /// Why the firmware starts.
+    pub reset: ResetReason,
+    /// The board for the slot timer's handler.
+    pub board: B,
+    /// The robot's pins.
+    pub parts: P,
 }
 
 /// Makes a runtime, and puts its sides into their places. `split` is a call of

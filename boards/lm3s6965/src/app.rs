@@ -1,185 +1,19 @@
-//! The RTIC app, as a macro: RTIC generates a program for the types that it is given, so it cannot
-//! be generic over the robot.
+//! The RTIC app, as a macro.
 
-/// Makes the firmware of a robot: `main`, the interrupt handlers, and the memory of all of it.
-///
-/// `robot` is the registry's type, with the function that builds it from the pins (a
-/// `fn(Parts<'static>) -> Robot`); `firmware` is the name and version that the robot tells of
-/// itself, in at most 40 bytes.
-///
-/// `emergency_stop` is the button of one, if the robot has it: the type of an input that is low
-/// while it is pressed (embedded-hal's `InputPin`), with what gives it. It stops the robot whatever
-/// the mission does and whether or not a host is there, until it is released. Without it nothing of
-/// a button is in the firmware.
-///
-/// `default_mission` are the bytes of a mission that `esm build` has made: what the robot does if
-/// its flash has no mission that may run. Without it, it does nothing then.
-///
-/// A firmware of another kind, such as a benchmark, names besides what its slots run on (a
-/// [`Board`](rt_firmware::Board), with the function that builds it from this crate's), the memory
-/// of its runtime, and how many slots that has.
+/// Makes the firmware of a robot: see [`cortex_m_board::app!`], which says what may stand in it.
 #[macro_export]
 macro_rules! app {
-    (firmware: $firmware:expr, robot: $robot:ty = $make:expr
-     $(, default_mission: $default_mission:expr)? $(,)?) => {
-        $crate::app! {
-            firmware: $firmware,
-            robot: $robot = $make,
-            board: $crate::slots::SlotBoard = |board| board,
-            memory: $crate::Memory<'static>,
-            slots: $crate::settings::SLOTS,
-            $(default_mission: $default_mission,)?
-        }
-    };
-    (
-        firmware: $firmware:expr,
-        robot: $robot:ty = $make:expr,
-        emergency_stop: $pin:ty = $make_pin:expr
-        $(, default_mission: $default_mission:expr)? $(,)?
-    ) => {
-        $crate::app! {
-            firmware: $firmware,
-            robot: $robot = $make,
-            board: $crate::rt_firmware::WithStopButton<$crate::slots::SlotBoard, $pin> = |board| {
-                $crate::rt_firmware::WithStopButton::new(board, $make_pin)
-            },
-            memory: $crate::Memory<'static>,
-            slots: $crate::settings::SLOTS,
-            $(default_mission: $default_mission,)?
-        }
-    };
-    (
-        firmware: $firmware:expr,
-        robot: $robot:ty = $make:expr,
-        board: $board:ty = $make_board:expr,
-        memory: $memory:ty,
-        slots: $slots:expr
-        $(, default_mission: $default_mission:expr)? $(,)?
-    ) => {
-        #[$crate::rtic::app(device = $crate::pac, peripherals = false)]
-        // RTIC calls unsafe functions in unsafe functions without a block around the call.
-        #[allow(unsafe_op_in_unsafe_fn, missing_docs)]
-        mod app {
-            use core::mem::MaybeUninit;
-
-            use super::*;
-            use $crate::cortex_m_board::sides::{self, Sides};
-            use $crate::flash::{self, StoreMemory};
-            use $crate::heapless::spsc::Queue;
-            use $crate::line::{self, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
-            use $crate::pac::Interrupt;
-            use $crate::rt_firmware::retained_ram::CrashCause;
-            use $crate::rt_firmware::{
-                About, AnyTaskPool, Background, Limits, LinkSide, Mailbox, RealTime, split,
-            };
-            use $crate::{cortex_m, post_mortem, rtic, slot_timer, uart, watchdog};
-
-            type MissionMemory = $memory;
-
-            #[shared]
-            struct Shared {
-                // Both handlers have one priority.
-                #[lock_free]
-                line: line::Line,
-            }
-
-            // The large ones by reference: RTIC moves these on the stack.
-            #[local]
-            struct Local {
-                real_time: &'static mut RealTime<'static, 'static>,
-                board: $board,
-                background: Background<'static, 'static>,
-                link: &'static mut LinkSide<'static, 'static>,
-                link_end: LinkEnd,
-            }
-
-            #[init(local = [
-                robot: MaybeUninit<$robot> = MaybeUninit::uninit(),
-                banks: MaybeUninit<[&'static mut (dyn AnyTaskPool + 'static); <$robot>::POOLS]> = MaybeUninit::uninit(),
-                memory: MissionMemory = MissionMemory::new(),
-                mailbox: Mailbox<'static> = Mailbox::new(),
-                real_time_place: MaybeUninit<RealTime<'static, 'static>> = MaybeUninit::uninit(),
-                link_place: MaybeUninit<LinkSide<'static, 'static>> = MaybeUninit::uninit(),
-                received: Queue<u8, RECEIVE_BYTES> = Queue::new(),
-                to_transmit: Queue<u8, TRANSMIT_BYTES> = Queue::new(),
-                keep: StoreMemory = StoreMemory::new(),
-            ])]
-            fn init(cx: init::Context) -> (Shared, Local) {
-                let start = $crate::start();
-                let make_board: fn($crate::slots::SlotBoard) -> $board = $make_board;
-                let robot = $crate::put(cx.local.robot, || {
-                    let make: fn($crate::rt_firmware::body::Parts<'static>) -> $robot = $make;
-                    make($crate::PINS.parts())
-                });
-                let banks = cx.local.banks.write(robot.banks());
-                let about = About {
-                    reset: start.reset,
-                    kept: Some(post_mortem::kept()),
-                    ..About::new($firmware, $crate::NAME)
-                };
-                let Sides { real_time, background, link } = sides::make(
-                    cx.local.real_time_place,
-                    cx.local.link_place,
-                    || split(cx.local.memory, banks, cx.local.mailbox, about, Limits::default()),
-                );
-                let default_mission: Option<&'static [u8]> = [$(&$default_mission[..])?].first().copied();
-                let keep = flash::open(cx.local.keep, default_mission);
-                let (line, mut link_end) = line::split(
-                    cx.local.received,
-                    cx.local.to_transmit,
-                    link.stop_listener(),
-                    keep,
-                );
-                link.start(&mut link_end);
-                slot_timer::start();
-                watchdog::start();
-                (
-                    Shared { line },
-                    Local { real_time, board: make_board(start.board), background, link, link_end },
-                )
-            }
-
-            #[idle(local = [background])]
-            fn idle(cx: idle::Context) -> ! {
-                loop {
-                    if !cx.local.background.poll() {
-                        // An interrupt that gives it work ends the sleep, or has come already and
-                        // made it pending.
-                        cortex_m::asm::wfi();
-                    }
-                }
-            }
-
-            #[task(binds = TIMER_0A, priority = 7, local = [real_time, board])]
-            fn slots(cx: slots::Context) {
-                let next_ticks = cx.local.real_time.on_timer(cx.local.board);
-                slot_timer::set(next_ticks);
-                rtic::export::pend(Interrupt::SSI0);
-            }
-
-            #[task(binds = UART0, priority = 3, shared = [line])]
-            fn wire(cx: wire::Context) {
-                if cx.shared.line.serve() {
-                    rtic::export::pend(Interrupt::SSI0);
-                }
-            }
-
-            #[task(binds = TIMER_1A, priority = 3, shared = [line])]
-            fn plant_line(cx: plant_line::Context) {
-                if cx.shared.line.swap() {
-                    rtic::export::pend(Interrupt::SSI0);
-                }
-            }
-
-            #[task(binds = SSI0, priority = 2, local = [link, link_end])]
-            fn link(cx: link::Context) {
-                cx.local.link_end.serve(cx.local.link);
-            }
-
-            #[task(binds = WATCHDOG_TIMER_0, priority = 8)]
-            fn slots_have_stopped(_: slots_have_stopped::Context) {
-                post_mortem::end(&CrashCause::Watchdog);
-            }
+    ($($firmware:tt)*) => {
+        $crate::cortex_m_board::app! {
+            board($crate);
+            interrupts(
+                slots: TIMER_0A,
+                wire: UART0,
+                plant_line: TIMER_1A,
+                watchdog: WATCHDOG_TIMER_0,
+                link: SSI0,
+            );
+            $($firmware)*
         }
     };
 }

@@ -4,30 +4,15 @@
 //! bits last for a third of a second. (QEMU derives the ticks of SysTick, timers and watchdog from
 //! the divisor in RCC; how long an instruction takes is set by `-icount`.)
 //!
-//! SysTick runs free and interrupts nobody. The slot timer's interrupt, which comes at least every
-//! [`LONGEST_SLEEP_US`](crate::slot_timer::LONGEST_SLEEP_US), takes over what it has counted
-//! ([`rt_firmware::clock`]).
+//! SysTick counts the time ([`cortex_m_board::sys_tick`]); the slot timer's interrupt comes at
+//! least every [`LONGEST_SLEEP_US`](crate::slot_timer::LONGEST_SLEEP_US).
 
+use cortex_m_board::sys_tick::{self, Source};
 use rt_firmware::board::microseconds;
-use rt_firmware::clock::Clock;
 
-use crate::registers::{sys_tick, system_control};
+use crate::registers::system_control;
 
 pub use crate::settings::TICKS_PER_US;
-
-/// Bits that SysTick counts.
-pub const SYS_TICK_BITS: u32 = 24;
-/// Where SysTick begins, and the mask of a difference of two of its counts.
-pub const SYS_TICK_MAX: u32 = (1 << SYS_TICK_BITS) - 1;
-
-static CLOCK: Clock<SYS_TICK_BITS> = Clock::new();
-
-/// Ticks since start-up, their [lowest bits](SYS_TICK_BITS): SysTick counts down. Those above mean
-/// nothing.
-#[inline(always)]
-pub fn count() -> u32 {
-    !sys_tick::CVR.read()
-}
 
 /// Sets the system clock to 50 MHz and starts SysTick. To be called once, before anything that
 /// counts time.
@@ -54,46 +39,10 @@ pub fn start() {
     }
     system_control::RCC.write(running);
 
-    const ENABLE_FROM_CORE_CLOCK: u32 = 0b101;
-    sys_tick::RVR.write(SYS_TICK_MAX);
-    sys_tick::CVR.write(0);
-    sys_tick::CSR.write(ENABLE_FROM_CORE_CLOCK);
-}
-
-/// Ticks since start-up. From any context.
-pub fn now_ticks() -> u64 {
-    CLOCK.now(count)
+    sys_tick::start(Source::Core);
 }
 
 /// Microseconds since start-up. From any context.
 pub fn now_us() -> u64 {
-    microseconds(now_ticks(), TICKS_PER_US)
-}
-
-/// Takes over what SysTick has counted, and returns the ticks since start-up. For the slot timer's
-/// interrupt alone; it must come at least once in each round of SysTick (a third of a second).
-pub fn advance() -> u64 {
-    CLOCK.advance(count())
-}
-
-/// The low half of the ticks since start-up. For the slot timer's interrupt alone.
-#[inline(always)]
-pub fn low_ticks() -> u32 {
-    CLOCK.low(count())
-}
-
-/// Ticks until the clock shows this, in its low half, which is less than half a round of SysTick
-/// away; where it has shown it, a [long time](is_past).
-#[inline(always)]
-pub fn ticks_until(at_ticks: u32) -> u32 {
-    // What the counter adds to this, in its bits, is the rest: it counts down.
-    let rest = at_ticks.wrapping_sub(SYS_TICK_MAX);
-    rest.wrapping_add(sys_tick::CVR.read()) & SYS_TICK_MAX
-}
-
-/// Whether [`ticks_until`] says of a time that it has come.
-#[inline(always)]
-pub fn is_past(ticks: u32) -> bool {
-    const LONGEST: u32 = SYS_TICK_MAX / 2;
-    ticks == 0 || ticks > LONGEST
+    microseconds(sys_tick::now_ticks(), TICKS_PER_US)
 }

@@ -22,31 +22,23 @@
 //! | 8 | watchdog | crash report of a firmware whose slots have stopped |
 //! | 7 | timer 0 | the real-time side: slots, interpreter, real-time tasks, exchange with the plant |
 //! | 3 | UART 0 | bytes between the wire and the queues; listens for stops |
-//! | 3 | timer 1 | the same, where the plant carries the link ([`plant_line`]) |
+//! | 3 | timer 1 | the same, where the plant carries the link ([`cortex_m_board::plant_line`]) |
 //! | 2 | SSI 0 (an unused vector, pended by software) | the link: requests, upload, trace and log streams |
 //! | 0 | none: the idle loop | background tasks; sleep |
 //!
-//! A critical section masks everything below the slot timer ([`critical`]), so nothing delays a
-//! slot. The sides share nothing but queues with one reader and one writer.
+//! A critical section masks everything below the slot timer ([`cortex_m_board::basepri`]), so
+//! nothing delays a slot. The sides share nothing but queues with one reader and one writer.
 //!
-//! Nothing here names a robot: pins are a [`PinImage`] whose other end is the simulated plant
+//! Nothing here names a robot: pins are an image ([`PINS`]) whose other end is the simulated plant
 //! ([`plant`]).
 #![no_std]
 
 pub mod clock;
-pub mod console;
-pub mod critical;
 #[cfg(feature = "store")]
 pub mod flash;
 #[cfg(not(feature = "store"))]
 pub use cortex_m_board::no_flash as flash;
 pub mod line;
-pub mod plant;
-#[cfg(feature = "plant-line")]
-pub mod plant_line;
-#[cfg(not(feature = "plant-line"))]
-#[path = "no_plant_line.rs"]
-pub mod plant_line;
 pub mod post_mortem;
 pub mod registers;
 pub mod reset_cause;
@@ -57,16 +49,16 @@ pub mod watchdog;
 
 mod app;
 
-use esm_link::message::ResetReason;
-use rt_firmware::body::PinImage;
-
+use cortex_m_board::basepri::BelowTheSlots;
 #[cfg(feature = "log")]
 use cortex_m_board::log;
-use cortex_m_board::{crash, stack};
+use cortex_m_board::sides::Start;
+use cortex_m_board::{crash, plant, stack};
 use slots::SlotBoard;
 
-#[doc(hidden)]
-pub use cortex_m_board::put;
+pub use cortex_m_board::console;
+pub use cortex_m_board::plant_board::PINS;
+
 #[doc(hidden)]
 pub use cortex_m_rt as rt;
 #[doc(hidden)]
@@ -85,21 +77,18 @@ pub use settings::Memory;
 #[cfg(feature = "log")]
 defmt::timestamp!("{=u64:us}", clock::now_us());
 
-/// The pins. Drivers are built on their [`parts`](PinImage::parts) by the robot; the slot timer's
-/// handler carries them to the plant.
-pub static PINS: PinImage = PinImage::new();
+critical_section::set_impl!(BelowTheSlots<{ pac::NVIC_PRIO_BITS }>);
 
-/// What the first code of the firmware finds out.
-pub struct Start {
-    /// Why the firmware starts.
-    pub reset: ResetReason,
-    /// The board for the slot timer's handler.
-    pub board: SlotBoard,
-}
+/// The chip, for what [`cortex_m_board`] asks of it.
+#[derive(Debug)]
+pub struct Lm3s6965;
+
+/// The robot's pins.
+pub type Parts = rt_firmware::body::Parts<'static>;
 
 /// Brings up stack paint, clock, serial line and the way to the plant. To be called once, first of
 /// all, with interrupts off.
-pub fn start() -> Start {
+pub fn start() -> Start<SlotBoard, Parts> {
     stack::paint();
     #[cfg(feature = "log")]
     log::start(pac::Interrupt::TIMER_0A);
@@ -111,5 +100,6 @@ pub fn start() -> Start {
     Start {
         reset,
         board: SlotBoard::new(plant_time_us),
+        parts: PINS.parts(),
     }
 }

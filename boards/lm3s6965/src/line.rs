@@ -1,21 +1,24 @@
-//! The link's line: moved by the UART's interrupt, or by that of [`plant_line`]'s timer.
+//! The link's line: moved by the UART's interrupt, or by that of timer 1
+//! ([`cortex_m_board::plant_line`]).
 
 use cortex_m::peripheral::NVIC;
+use cortex_m_board::emulated_line;
 use cortex_m_board::line::{self, LineBoard};
-pub use cortex_m_board::line::{RECEIVE_BYTES, TRANSMIT_BYTES};
-use heapless::spsc::Queue;
+use cortex_m_board::line_timer::LineTimer;
 use pac::Interrupt;
-use rt_firmware::StopListener;
-use rt_firmware::body::line::{LinePart, PART_BYTES};
 
+use crate::clock::{self, TICKS_PER_US};
 use crate::flash::{self, BoardStore};
-use crate::uart::Uart0;
-use crate::{clock, plant_line, slot_timer};
+use crate::registers::{system_control, timer1};
+use crate::{Lm3s6965, slot_timer};
 
-const _: () = assert!(TRANSMIT_BYTES > PART_BYTES);
+pub use cortex_m_board::emulated_line::split;
+pub use cortex_m_board::line::{RECEIVE_BYTES, TRANSMIT_BYTES};
 
-/// What a line needs of this board.
-pub struct Lm3s6965;
+/// The interrupt handler's end.
+pub type Line = emulated_line::Line<Lm3s6965>;
+/// The link task's end.
+pub type LinkEnd = line::LinkEnd<Lm3s6965>;
 
 impl LineBoard for Lm3s6965 {
     type Store = BoardStore;
@@ -34,54 +37,39 @@ impl LineBoard for Lm3s6965 {
     }
 }
 
-/// The link task's end.
-pub type LinkEnd = line::LinkEnd<Lm3s6965>;
+const TIMED_OUT: u32 = 1;
+const TIMER_A_ENABLE: u32 = 1;
 
-/// Makes the two ends of a line of its queues, and lets the plant carry its bytes where that does.
-pub fn split(
-    received: &'static mut Queue<u8, RECEIVE_BYTES>,
-    to_transmit: &'static mut Queue<u8, TRANSMIT_BYTES>,
-    listener: StopListener<'static>,
-    keep: Option<&'static mut BoardStore>,
-) -> (Line, LinkEnd) {
-    let (line, link_end) = line::split(received, to_transmit, listener, keep);
-    let line = Line {
-        line,
-        goes_by_plant: plant_line::start(),
-    };
-    (line, link_end)
-}
-
-/// The interrupt handler's end.
-pub struct Line {
-    line: line::Line<Lm3s6965>,
-    /// The plant carries the bytes, and the UART none.
-    goes_by_plant: bool,
-}
-
-impl Line {
-    /// Swaps bytes with the plant. To be called by the interrupt of [`plant_line`]'s timer.
-    ///
-    /// Returns whether the link task has something to do.
-    pub fn swap(&mut self) -> bool {
-        plant_line::acknowledge();
-        let mut part = LinePart::new(PART_BYTES);
-        while !part.is_full() {
-            let Some(byte) = self.line.next_to_transmit() else {
-                break;
-            };
-            part.push(byte);
-        }
-        let answer = plant_line::swap(&part);
-        let carried = answer.as_ref().map_or(&[][..], LinePart::carried);
-        for &byte in carried {
-            self.line.take(byte);
-        }
-        !carried.is_empty() || !part.carried().is_empty()
+impl LineTimer for Lm3s6965 {
+    fn start_line_timer() {
+        start_timer();
+        timer1::IMR.write(TIMED_OUT);
     }
 
-    /// Moves bytes between the UART and the queues: see [`Line::serve`](line::Line::serve).
-    pub fn serve(&mut self) -> bool {
-        !self.goes_by_plant && self.line.serve(&mut Uart0)
+    fn acknowledge_line_timer() {
+        timer1::CTL.write(0);
+        timer1::ICR.write(TIMED_OUT);
     }
+
+    fn set_line_timer(ticks: u32) {
+        timer1::TAILR.write(ticks);
+        timer1::CTL.write(TIMER_A_ENABLE);
+    }
+}
+
+/// Prepares timer 1, one shot, without an interrupt.
+pub(crate) fn start_timer() {
+    const TIMER_1_CLOCK: u32 = 1 << 17;
+    const WIDTH_32_BITS: u32 = 0;
+    const ONE_SHOT: u32 = 1;
+    system_control::RCGC1.write(system_control::RCGC1.read() | TIMER_1_CLOCK);
+    timer1::CTL.write(0);
+    timer1::CFG.write(WIDTH_32_BITS);
+    timer1::TAMR.write(ONE_SHOT);
+}
+
+/// Lets timer 1 run for so long.
+pub(crate) fn run_timer(us: u32) {
+    timer1::CTL.write(0);
+    Lm3s6965::set_line_timer(us * TICKS_PER_US);
 }

@@ -86,18 +86,6 @@ pub mod timer1 {
     pub const TAILR: Register = Register(0x4003_1028);
 }
 
-/// The core's SysTick timer (ARMv7-M architecture, B3.3).
-pub mod sys_tick {
-    use super::Register;
-
-    /// Control and status.
-    pub const CSR: Register = Register(0xE000_E010);
-    /// Reload value.
-    pub const RVR: Register = Register(0xE000_E014);
-    /// Current value; counts down.
-    pub const CVR: Register = Register(0xE000_E018);
-}
-
 /// The first UART (ARM PrimeCell PL011).
 pub mod uart0 {
     use super::Register;

@@ -1,13 +1,13 @@
 //! The timer whose interrupt starts the slots: GPTM 0, 32 bits, one shot.
 
 use cortex_m::peripheral::NVIC;
+use cortex_m_board::sys_tick;
 use pac::Interrupt;
 
-use crate::clock;
 use crate::registers::{system_control, timer0};
 
 /// The timer's interrupt comes at least this often, in microseconds, with or without a slot to
-/// start: it keeps the time ([`clock::advance`]) and feeds the watchdog.
+/// start: it keeps the time ([`sys_tick::advance`]) and feeds the watchdog.
 pub const LONGEST_SLEEP_US: u32 = 100_000;
 
 const TIMER_A_TIMEOUT: u32 = 1;
@@ -31,6 +31,10 @@ pub fn call() {
     NVIC::pend(Interrupt::TIMER_0A);
 }
 
+/// Begins the handler: the timer has shot once, and waits to be set.
+#[inline(always)]
+pub const fn begin() {}
+
 /// Takes the interrupt back, and lets the next one come when the clock shows `at_ticks`, at once if
 /// it has. To be called at the end of the timer's handler: it is what the timer waits for to be set
 /// anew, and until then there is no hurry.
@@ -42,10 +46,10 @@ pub fn set(at_ticks: u64) {
     timer0::ICR.write(TIMER_A_TIMEOUT);
     // From the look at the clock in here to the start, each instruction makes the slot later. So a
     // time that has come is noticed behind it.
-    let ticks = clock::ticks_until(at_ticks as u32);
+    let ticks = sys_tick::ticks_until(at_ticks as u32);
     timer0::TAILR.write(ticks);
     timer0::CTL.write(TIMER_A_ENABLE);
-    if clock::is_past(ticks) {
+    if sys_tick::is_past(ticks) {
         NVIC::pend(Interrupt::TIMER_0A);
     }
 }

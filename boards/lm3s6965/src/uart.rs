@@ -1,13 +1,14 @@
 //! UART0, the serial line of the link: 115,200 baud, 8 bits, no parity.
 //!
-//! [`line`](crate::line) has the queues around it.
+//! [The line](crate::line) has the queues around it.
 
 use cortex_m::peripheral::NVIC;
 use cortex_m_board::line::Wire;
 use pac::Interrupt;
 
 use crate::clock::TICKS_PER_US;
-use crate::registers::{gpio_a, system_control, timer1, uart0};
+use crate::line;
+use crate::registers::{gpio_a, system_control, uart0};
 
 /// Speed of the line in baud.
 pub const BAUD: u32 = 115_200;
@@ -40,18 +41,13 @@ pub fn start() {
     // The emulator's part keeps its FIFO over a reset of the board, and calls for the first byte in
     // an empty one only: with bytes left in it, it would never call again.
     NVIC::pend(Interrupt::UART0);
-    const TIMER_1_CLOCK: u32 = 1 << 17;
-    const WIDTH_32_BITS: u32 = 0;
-    const ONE_SHOT: u32 = 1;
-    system_control::RCGC1.write(system_control::RCGC1.read() | TIMER_1_CLOCK);
-    timer1::CFG.write(WIDTH_32_BITS);
-    timer1::TAMR.write(ONE_SHOT);
+    line::start_timer();
 }
 
 /// The bytes of the UART, for its interrupt handler.
-pub struct Uart0;
+pub struct Uart;
 
-impl Wire for Uart0 {
+impl Wire for Uart {
     const FIFO_BYTES: usize = 16;
 
     fn acknowledge(&mut self) {
@@ -64,10 +60,7 @@ impl Wire for Uart0 {
     /// interrupt makes some, as long as bytes come. On the part itself nobody sees it run.
     fn expect_more(&mut self) {
         const LOOK_AGAIN_US: u32 = 200;
-        const TIMER_A_ENABLE: u32 = 1;
-        timer1::CTL.write(0);
-        timer1::TAILR.write(LOOK_AGAIN_US * TICKS_PER_US);
-        timer1::CTL.write(TIMER_A_ENABLE);
+        line::run_timer(LOOK_AGAIN_US);
     }
 
     fn has_received(&mut self) -> bool {

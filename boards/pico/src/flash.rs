@@ -4,12 +4,9 @@
 //! flash, and nothing needs it: code and data are in RAM (`pico.x`), so that slots interrupt an
 //! operation like any other work of the link.
 
-use core::slice;
-
+use cortex_m_board::on_chip_flash::{Cells, OnChip};
 use cortex_m_board::store::{self, FlashTimes};
-use embedded_storage::nor_flash::{
-    ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
-};
+use embedded_storage::nor_flash::NorFlashErrorKind;
 use rp2040_hal::rom_data;
 use rt_firmware::store::flash_store::{self, FlashStore};
 
@@ -49,87 +46,62 @@ pub const LONGEST_MS: u16 = FlashTimes {
 .longest_ms(settings::BLOB_BYTES as u32);
 
 /// The flash, and what is kept in it.
-pub type BoardStore = FlashStore<'static, OnChip>;
+pub type BoardStore = FlashStore<'static, OnChip<Sectors>>;
 /// The memory of what the board keeps.
-pub type StoreMemory = store::StoreMemory<OnChip>;
+pub type StoreMemory = store::StoreMemory<OnChip<Sectors>>;
 
 /// Opens what is kept in the flash.
 pub fn open(
     memory: &'static mut StoreMemory,
     default_mission: Option<&'static [u8]>,
 ) -> Option<&'static mut BoardStore> {
-    memory.open(OnChip(()), settings::BLOB_BYTES as u32, default_mission)
+    memory.open(OnChip::new(), settings::BLOB_BYTES as u32, default_mission)
 }
 
-/// The part of the chip's flash that is the store's. The link alone has it.
-#[derive(Clone, Debug)]
-pub struct OnChip(());
+/// The sectors of the store.
+#[derive(Debug)]
+pub struct Sectors;
 
-impl OnChip {
-    /// Does something to the flash, which cannot be read meanwhile. Not inlined: what makes the
-    /// robot lies in flash, and may call this.
-    #[inline(never)]
-    fn change(&mut self, act: impl FnOnce()) {
-        // SAFETY: nothing is read from the flash between the first and the last of these: code,
-        // constants and vectors are in RAM, and the store, which alone reads it, is waiting here.
-        unsafe {
-            rom_data::connect_internal_flash();
-            rom_data::flash_exit_xip();
-            act();
-            rom_data::flash_flush_cache();
-            rom_data::flash_enter_cmd_xip();
-        }
+/// Does something to the flash, which cannot be read meanwhile. Not inlined: what makes the robot
+/// lies in flash, and may call this.
+#[inline(never)]
+fn change(act: impl FnOnce()) {
+    // SAFETY: nothing is read from the flash between the first and the last of these: code,
+    // constants and vectors are in RAM, and the store, which alone reads it, is waiting here.
+    unsafe {
+        rom_data::connect_internal_flash();
+        rom_data::flash_exit_xip();
+        act();
+        rom_data::flash_flush_cache();
+        rom_data::flash_enter_cmd_xip();
     }
 }
 
-impl ErrorType for OnChip {
-    type Error = NorFlashErrorKind;
-}
+impl Cells for Sectors {
+    const READ_AT: u32 = READ_AT + START;
+    const BYTES: u32 = BYTES;
+    const ERASE_BYTES: usize = SECTOR_BYTES as usize;
+    const WRITE_BYTES: usize = WRITE_BYTES;
 
-impl ReadNorFlash for OnChip {
-    const READ_SIZE: usize = 1;
-
-    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
-        check_read(&*self, offset, bytes.len())?;
-        let at = (READ_AT + START + offset) as *const u8;
-        // SAFETY: bytes of the flash, which are always there, and which nobody changes meanwhile:
-        // whoever could has `self`.
-        bytes.copy_from_slice(unsafe { slice::from_raw_parts(at, bytes.len()) });
-        Ok(())
-    }
-
-    fn capacity(&self) -> usize {
-        BYTES as usize
-    }
-}
-
-impl NorFlash for OnChip {
-    const WRITE_SIZE: usize = WRITE_BYTES;
-    const ERASE_SIZE: usize = SECTOR_BYTES as usize;
-
-    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+    fn erase(offset: u32) -> Result<(), NorFlashErrorKind> {
         /// The flash's command for a sector of 4 KiB. Larger blocks have others, which are faster,
         /// and no slot waits for either.
         const ERASE_SECTOR: u8 = 0x20;
-        check_erase(&*self, from, to)?;
-        for sector in (from..to).step_by(SECTOR_BYTES as usize) {
-            self.change(|| {
-                // SAFETY: a sector of the store, between connecting the flash and reading it again.
-                unsafe {
-                    rom_data::flash_range_erase(
-                        START + sector,
-                        SECTOR_BYTES as usize,
-                        SECTOR_BYTES,
-                        ERASE_SECTOR,
-                    );
-                }
-            });
-        }
+        change(|| {
+            // SAFETY: a sector of the store, between connecting the flash and reading it again.
+            unsafe {
+                rom_data::flash_range_erase(
+                    START + offset,
+                    SECTOR_BYTES as usize,
+                    SECTOR_BYTES,
+                    ERASE_SECTOR,
+                );
+            }
+        });
         Ok(())
     }
 
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
-        check_write(&*self, offset, bytes.len())?;
+    fn write(offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         let mut at = offset;
         let mut rest = bytes;
         while !rest.is_empty() {
@@ -139,7 +111,7 @@ impl NorFlash for OnChip {
             if let Some(place) = page.get_mut(in_page..in_page + part.len()) {
                 place.copy_from_slice(part);
             }
-            self.change(|| {
+            change(|| {
                 // SAFETY: a page of the store, from RAM, between connecting the flash and reading
                 // it again.
                 unsafe {

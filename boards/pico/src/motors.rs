@@ -3,9 +3,10 @@
 //! direction: [`Bridge`]. No power lets a motor run out.
 
 use core::convert::Infallible;
-use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-use embedded_hal::digital::{self, OutputPin};
+pub use cortex_m_board::bridge::Direction;
+use cortex_m_board::bridge::{self, PwmOutput, TwoInputs};
+use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::{self, SetDutyCycle};
 use rp2040_hal::gpio::{DynPinId, FunctionPwm, FunctionSioOutput, Pin, PullDown};
 use rp2040_hal::pac::{PWM, RESETS, pwm as registers};
@@ -21,9 +22,6 @@ pub const PERIOD_COUNTS: u16 = (125_000_000 / PWM_HZ) as u16;
 
 /// Slices of the PWM, with two outputs each.
 const SLICES: usize = 8;
-
-/// Which way each motor is to turn: left, right. Written by its direction, read by its power.
-static BACKWARDS: [AtomicBool; 2] = [const { AtomicBool::new(false) }; 2];
 
 /// An output of the PWM, which is at every sixteenth pin.
 #[derive(Clone, Copy)]
@@ -56,6 +54,10 @@ impl Output {
         let _pin = take!(pins, pin, FunctionPwm, PullDown);
         output
     }
+}
+
+impl PwmOutput for Output {
+    const PERIOD_COUNTS: u16 = PERIOD_COUNTS;
 
     fn set(self, duty: u16) {
         (Self::registers().ch(self.slice).cc()).modify(|_, w| {
@@ -73,15 +75,13 @@ impl Output {
 /// How much power a motor gets.
 pub struct Power {
     motor: Driven,
-    backwards: &'static AtomicBool,
+    /// The left one, 0, or the right one, 1.
+    place: usize,
 }
 
 /// A bridge's inputs.
 enum Driven {
-    TwoInputs {
-        forwards: Output,
-        backwards: Output,
-    },
+    TwoInputs(TwoInputs<Output>),
     PwmAndDirection {
         pwm: Output,
         direction: DirectionPin,
@@ -90,11 +90,6 @@ enum Driven {
 }
 
 type DirectionPin = Pin<DynPinId, FunctionSioOutput, PullDown>;
-
-/// Which way a motor is to turn; high is backwards. It takes effect with the next duty.
-pub struct Direction {
-    backwards: &'static AtomicBool,
-}
 
 /// The left motor and the right one.
 ///
@@ -113,10 +108,11 @@ pub(crate) fn start(
             Bridge::TwoInputs {
                 forwards,
                 backwards,
-            } => Driven::TwoInputs {
+            } => Driven::TwoInputs(TwoInputs {
+                motor: place,
                 forwards: Output::start(pins, forwards),
                 backwards: Output::start(pins, backwards),
-            },
+            }),
             Bridge::PwmAndDirection {
                 pwm,
                 direction,
@@ -127,14 +123,11 @@ pub(crate) fn start(
                 is_backwards_low,
             },
         };
-        let backwards = &BACKWARDS[place];
-        (
-            Power {
-                motor: driven,
-                backwards,
-            },
-            Direction { backwards },
-        )
+        let power = Power {
+            motor: driven,
+            place,
+        };
+        (power, Direction::of(place))
     };
     [motor(0), motor(1)]
 }
@@ -150,45 +143,18 @@ impl SetDutyCycle for Power {
 
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
         let duty = duty.min(PERIOD_COUNTS);
-        let is_backwards = self.backwards.load(Relaxed);
         match &mut self.motor {
-            Driven::TwoInputs {
-                forwards,
-                backwards,
-            } => {
-                let (driven, other) = match is_backwards {
-                    true => (backwards, forwards),
-                    false => (forwards, backwards),
-                };
-                // Never both: that would be a brake.
-                other.set(0);
-                driven.set(duty);
-            }
+            Driven::TwoInputs(motor) => motor.set_duty_cycle(duty)?,
             Driven::PwmAndDirection {
                 pwm,
                 direction,
                 is_backwards_low,
             } => {
+                let is_backwards = bridge::is_backwards(self.place);
                 direction.set_state((is_backwards != *is_backwards_low).into())?;
                 pwm.set(duty);
             }
         }
-        Ok(())
-    }
-}
-
-impl digital::ErrorType for Direction {
-    type Error = Infallible;
-}
-
-impl OutputPin for Direction {
-    fn set_low(&mut self) -> Result<(), Infallible> {
-        self.backwards.store(false, Relaxed);
-        Ok(())
-    }
-
-    fn set_high(&mut self) -> Result<(), Infallible> {
-        self.backwards.store(true, Relaxed);
         Ok(())
     }
 }

@@ -7,8 +7,8 @@
 //! gate.
 
 use core::convert::Infallible;
-use core::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
+use cortex_m_board::pings::{Ping, Pings};
 use embedded_hal::digital::{self, OutputPin};
 use pio::pio_asm;
 use pio::{
@@ -53,7 +53,7 @@ fn program() -> Program<RP2040_MAX_PROGRAM_SIZE> {
 
 /// The last trigger of each state machine: its number, and the pin that it went to. What was
 /// counted is the echo of no other.
-static PINGS: [AtomicU16; MACHINES] = [const { AtomicU16::new(0) }; MACHINES];
+static PINGS: Pings<MACHINES> = Pings::new();
 
 /// A sonar, as the state machine that times it knows it.
 #[derive(Clone, Copy)]
@@ -139,7 +139,7 @@ pub struct Trigger(Timer);
 pub struct Echo {
     timer: Timer,
     /// Trigger that `over_us` belongs to.
-    ping: u16,
+    ping: Ping,
     over_us: Option<u16>,
 }
 
@@ -184,7 +184,7 @@ pub(crate) fn start<const SONARS: usize>(
     });
     let echo = |timer| Echo {
         timer,
-        ping: 0,
+        ping: Ping::default(),
         over_us: None,
     };
     (timers.map(Trigger), timers.map(echo))
@@ -222,12 +222,8 @@ impl OutputPin for Trigger {
 
     fn set_high(&mut self) -> Result<(), Infallible> {
         let timer = self.0;
-        if let Some(ping) = PINGS.get(usize::from(timer.machine)) {
-            timer.ping();
-            // One task has all sonars, so load and store suffice.
-            let number = (ping.load(Relaxed) >> u8::BITS).wrapping_add(1);
-            ping.store(number << u8::BITS | u16::from(timer.trigger_pin), Relaxed);
-        }
+        timer.ping();
+        PINGS.begin(timer.machine.into(), timer.trigger_pin);
         Ok(())
     }
 }
@@ -235,13 +231,12 @@ impl OutputPin for Trigger {
 impl EchoTimer for Echo {
     fn pulse(&mut self) -> EchoPulse {
         let timer = self.timer;
-        let ping = PINGS.get(usize::from(timer.machine));
-        let ping = ping.map_or(0, |ping| ping.load(Relaxed));
+        let ping = PINGS.last(timer.machine.into());
         if ping != self.ping {
             self.ping = ping;
             self.over_us = None;
         }
-        if ping & u16::from(u8::MAX) != u16::from(timer.trigger_pin) {
+        if !ping.is_of(timer.trigger_pin) {
             return EchoPulse::None;
         }
         let us = |count: u32| u16::try_from(count).unwrap_or(u16::MAX);

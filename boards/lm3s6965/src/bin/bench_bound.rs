@@ -22,8 +22,8 @@ use core::hint::black_box;
 use core::ptr;
 
 use esm_core::{Interpreter, Observer, TransitionTaken, verify};
-use lm3s6965::clock::{self, SYS_TICK_MAX};
-use lm3s6965::registers::sys_tick;
+use lm3s6965::clock;
+use lm3s6965::cortex_m_board::sys_tick;
 use semihosting::fd::{AsFd, OwnedFd};
 use semihosting::process::exit;
 use semihosting::sys::arm_compat::{OpenMode, sys_open, sys_read_orig, sys_write_orig};
@@ -109,19 +109,19 @@ impl Observer for Told {
 /// The ticks of one macro step.
 #[inline(never)]
 fn macro_step(interpreter: &mut Interpreter<'_, &[u8]>, told: &mut Told) -> u32 {
-    let before = sys_tick::CVR.read();
+    let before = sys_tick::current();
     let ended = interpreter.macro_step(told);
-    let after = sys_tick::CVR.read();
+    let after = sys_tick::current();
     let _ = black_box(ended);
-    before.wrapping_sub(after) & SYS_TICK_MAX
+    before.wrapping_sub(after) & sys_tick::MAX
 }
 
 /// What reading the clock takes.
 #[inline(never)]
 fn nothing() -> u32 {
-    let before = sys_tick::CVR.read();
-    let after = sys_tick::CVR.read();
-    before.wrapping_sub(after) & SYS_TICK_MAX
+    let before = sys_tick::current();
+    let after = sys_tick::current();
+    before.wrapping_sub(after) & sys_tick::MAX
 }
 
 /// Runs one mission, up to a record that is none of its own; returns that.

@@ -21,10 +21,11 @@ use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 
 use esm_core::verify;
 use esm_link::message::SafeReason;
-use lm3s6965::clock::{SYS_TICK_MAX, TICKS_PER_US, now_ticks};
+use lm3s6965::clock::TICKS_PER_US;
 use lm3s6965::console::Console;
 use lm3s6965::cortex_m::{self, peripheral::NVIC};
-use lm3s6965::registers::{sys_tick, watchdog0};
+use lm3s6965::cortex_m_board::sys_tick::{self, now_ticks};
+use lm3s6965::registers::watchdog0;
 use lm3s6965::slots::SlotBoard;
 use lm3s6965::{PINS, pac::Interrupt, settings};
 use rt_firmware::body::{Parts, StopPin};
@@ -195,18 +196,18 @@ impl Board for BenchBoard {
 /// looks at the clock first of all.
 #[inline(always)]
 fn measured(io: &mut Io<'_>, noted: bool, work: impl FnOnce(&mut Io<'_>)) -> Step {
-    let count = sys_tick::CVR.read();
+    let count = sys_tick::current();
     if noted && LOUD.load(Relaxed) {
         // SysTick counts down, and has done so since the clock's ticks were 0.
-        let now = SYS_TICK_MAX.wrapping_sub(count);
+        let now = sys_tick::MAX.wrapping_sub(count);
         let since_ticks = (io.now_us() as u32).wrapping_mul(TICKS_PER_US);
         let nominal = ORIGIN.load(Relaxed).wrapping_add(since_ticks);
-        START.note(now.wrapping_sub(nominal) & SYS_TICK_MAX);
+        START.note(now.wrapping_sub(nominal) & sys_tick::MAX);
     }
     work(io);
     PERIOD_US.store(io.period_us(), Relaxed);
-    let after = sys_tick::CVR.read();
-    OWN.store(count.wrapping_sub(after) & SYS_TICK_MAX, Relaxed);
+    let after = sys_tick::current();
+    OWN.store(count.wrapping_sub(after) & sys_tick::MAX, Relaxed);
     Step::Run
 }
 
@@ -429,12 +430,12 @@ impl Task for Spin {
         /// Longer than a round, shorter than any handler.
         const SHORTEST_HANDLER_TICKS: u32 = 50 * INSTRUCTION_NS / TICK_NS;
         let quiet = phase() == Phase::Quiet;
-        let mut last = sys_tick::CVR.read();
+        let mut last = sys_tick::current();
         // What a round takes that is not interrupted.
         let mut usual = 0;
         for _ in 0..ROUNDS {
-            let now = sys_tick::CVR.read();
-            let gap = last.wrapping_sub(now) & SYS_TICK_MAX;
+            let now = sys_tick::current();
+            let gap = last.wrapping_sub(now) & sys_tick::MAX;
             last = now;
             if gap < SHORTEST_HANDLER_TICKS {
                 usual = usual.max(gap);
@@ -445,7 +446,7 @@ impl Task for Spin {
                 if quiet && let Some(range) = range_of_handler() {
                     range.note(gap - usual - own);
                 }
-                last = sys_tick::CVR.read();
+                last = sys_tick::current();
             }
         }
         Step::Run

@@ -14,10 +14,10 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use esm_link::message::SafeReason;
 use lm3s6965::PINS;
-use lm3s6965::clock::{SYS_TICK_MAX, TICKS_PER_US};
+use lm3s6965::clock::TICKS_PER_US;
 use lm3s6965::cortex_m::peripheral::NVIC;
+use lm3s6965::cortex_m_board::sys_tick;
 use lm3s6965::pac::Interrupt;
-use lm3s6965::registers::sys_tick;
 use lm3s6965::slots::SlotBoard;
 use rt_firmware::body::{
     AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, StopPin, TriggerPin,
@@ -120,9 +120,9 @@ task! {
 impl Busy {
     /// Looks at the clock, and tells how long ago the last look was.
     fn look(&mut self) -> u32 {
-        let now = sys_tick::CVR.read();
+        let now = sys_tick::current();
         // SysTick counts down.
-        let gap = self.last.wrapping_sub(now) & SYS_TICK_MAX;
+        let gap = self.last.wrapping_sub(now) & sys_tick::MAX;
         self.last = now;
         let own = self.look_ticks.unwrap_or_default();
         if gap <= own * INTERRUPTION {
@@ -180,7 +180,7 @@ impl Busy {
             _ => return,
         };
         self.times = Times::default();
-        self.last = sys_tick::CVR.read();
+        self.last = sys_tick::current();
     }
 
     fn tell(&self, link: bool) {

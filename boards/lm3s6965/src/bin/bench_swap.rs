@@ -16,9 +16,9 @@ use core::fmt::Write;
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use esm_link::message::SafeReason;
-use lm3s6965::clock::{SYS_TICK_MAX, TICKS_PER_US};
+use lm3s6965::clock::TICKS_PER_US;
 use lm3s6965::console::Console;
-use lm3s6965::registers::sys_tick;
+use lm3s6965::cortex_m_board::sys_tick;
 use lm3s6965::slots::SlotBoard;
 use rt_firmware::body::{
     AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, TriggerPin,
@@ -119,9 +119,9 @@ impl Task for Watch {
     fn step(&mut self, _io: &mut Io<'_>) -> Step {
         const ROUNDS: u32 = 1_000;
         for _ in 0..ROUNDS {
-            let now = sys_tick::CVR.read();
+            let now = sys_tick::current();
             if let Some(last) = self.last.replace(now) {
-                let gap = last.wrapping_sub(now) & SYS_TICK_MAX;
+                let gap = last.wrapping_sub(now) & sys_tick::MAX;
                 LONGEST_GAP.store(LONGEST_GAP.load(Relaxed).max(gap), Relaxed);
             }
         }

@@ -10,8 +10,9 @@
 use core::array;
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use lm3s6965::clock::{TICKS_PER_US, now_ticks};
+use lm3s6965::clock::TICKS_PER_US;
 use lm3s6965::cortex_m;
+use lm3s6965::cortex_m_board::sys_tick::now_ticks;
 use rt_firmware::body::{
     AnalogChannel, DirectionPin, EchoCapture, EncoderCount, MotorPwm, Parts, TriggerPin,
 };

@@ -7,8 +7,7 @@
 use core::hint::black_box;
 
 use esm_core::{Interpreter, Observer, TransitionTaken, verify};
-use lm3s6965::clock::SYS_TICK_MAX;
-use lm3s6965::registers::sys_tick;
+use lm3s6965::cortex_m_board::sys_tick;
 
 /// Room for the player's machine.
 const ARENA_WORDS: usize = 64;
@@ -87,8 +86,8 @@ pub fn measure(blob: &[u8], note: &mut impl FnMut(bool, u32)) -> Option<()> {
 /// The ticks that some work takes.
 #[inline(always)]
 fn ticks(work: impl FnOnce()) -> u32 {
-    let before = sys_tick::CVR.read();
+    let before = sys_tick::current();
     work();
-    let after = sys_tick::CVR.read();
-    before.wrapping_sub(after) & SYS_TICK_MAX
+    let after = sys_tick::current();
+    before.wrapping_sub(after) & sys_tick::MAX
 }

@@ -33,14 +33,14 @@ use pipes::PipeServer;
 /// The emulator's command.
 pub const QEMU: &str = "qemu-system-arm";
 
-/// QEMU's name of the board.
+/// QEMU's name of the default board.
 pub fn machine() -> &'static str {
     let board = boards::find(firmware::BOARD).ok();
     (board.and_then(|board| firmware::about(board).machine())).unwrap_or_default()
 }
 
-/// What becomes of the virtual time in which the emulated processor sleeps. An instruction takes
-/// 2^6 ns of it in any case.
+/// What becomes of the virtual time in which the emulated processor sleeps. How much of it an
+/// instruction takes is the board's to say, in the command that runs it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Idle {
     /// It passes at once: two runs are equal to the tick. Where a run keeps to the wall clock, it
@@ -63,9 +63,9 @@ impl Idle {
     /// it. Bytes of a UART would be recorded, too, and wait for moments at which they can be.
     fn instruction_counting(self, alone: bool) -> &'static str {
         match self {
-            Idle::Passes if alone => "shift=6,sleep=off,rr=record,rrfile=/dev/null",
-            Idle::Passes => "shift=6,sleep=off",
-            Idle::Lasts => "shift=6,sleep=on",
+            Idle::Passes if alone => "sleep=off,rr=record,rrfile=/dev/null",
+            Idle::Passes => "sleep=off",
+            Idle::Lasts => "sleep=on",
         }
     }
 }
@@ -174,17 +174,19 @@ pub struct Emulator {
 }
 
 impl Emulator {
-    /// Starts the firmware at `firmware`, with `plant` behind its pins and `flash` beside it.
+    /// Starts the firmware at `firmware` on a board of QEMU, with `plant` behind its pins and
+    /// `flash` beside it.
     ///
     /// # Errors
     /// [`EmulatorError`]: what is missing, and what to do.
     pub fn start(
+        board: &'static boards::Board,
         firmware: &Path,
         idle: Idle,
         plant: impl FnMut(&Request) -> Reply + Send + 'static,
         flash: Flash,
     ) -> Result<Self, EmulatorError> {
-        Self::start_linked(firmware, idle, plant, flash, None)
+        Self::start_linked(board, firmware, idle, plant, flash, None)
     }
 
     /// The same, with the link on `line` instead of the UART, if there is one.
@@ -192,6 +194,7 @@ impl Emulator {
     /// # Errors
     /// [`EmulatorError`]: what is missing, and what to do.
     pub fn start_linked(
+        board: &'static boards::Board,
         firmware: &Path,
         idle: Idle,
         plant: impl FnMut(&Request) -> Reply + Send + 'static,
@@ -221,18 +224,7 @@ impl Emulator {
             .transpose()
             .map_err(system("open the pipes of the link"))?;
         let counting = idle.instruction_counting(link.is_some());
-        let mut machine = Command::new(QEMU);
-        machine
-            .args(["-machine", self::machine(), "-icount", counting])
-            .args(["-nographic", "-monitor", "none"])
-            .args(["-semihosting-config", "enable=on,target=native"])
-            .args([
-                "-chardev",
-                &format!("socket,id=uart0,path={UART_SOCKET},server=off"),
-            ])
-            .args(["-serial", "chardev:uart0"])
-            .arg("-kernel")
-            .arg(&firmware);
+        let machine = command(firmware::about(board).runner, &firmware, counting);
         let process = spawn(machine, folder.path())?;
         let mut emulator = Emulator {
             link,
@@ -391,6 +383,25 @@ impl Drop for Emulator {
     }
 }
 
+/// The command of a board's `runner`, with another word on the time in which the processor sleeps.
+fn command(runner: &str, firmware: &Path, counting: &str) -> Command {
+    let mut words = runner.split_whitespace();
+    let mut command = Command::new(words.next().unwrap_or_default());
+    while let Some(word) = words.next() {
+        match word {
+            "{firmware}" => command.arg(firmware),
+            "-icount" => {
+                // `shift=…`, which is what an instruction takes, and what is said of sleep there.
+                let shift = words.next().unwrap_or_default();
+                let shift = shift.split(',').next().unwrap_or_default();
+                command.args([word, &format!("{shift},{counting}")])
+            }
+            word => command.arg(word.replace("{serial}", UART_SOCKET)),
+        };
+    }
+    command
+}
+
 /// Serves the pipes of the flash.
 fn serve_flash(folder: &Path, flash: Flash) -> io::Result<PipeServer> {
     PipeServer::start_pair(folder, pipes::FLASH, move |requests, replies| {
@@ -447,4 +458,41 @@ fn is_installed(program: impl AsRef<OsStr>) -> bool {
     std::env::var_os("PATH").is_some_and(|path| {
         std::env::split_paths(&path).any(|folder| folder.join(program).is_file())
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_board_says_what_an_instruction_takes_and_the_run_says_what_becomes_of_sleep() {
+        let runner = "qemu -machine m -icount shift=4,sleep=off -chardev socket,path={serial} \
+                      -kernel {firmware}";
+        for (idle, alone, expected) in [
+            (Idle::Lasts, false, "shift=4,sleep=on"),
+            (Idle::Passes, false, "shift=4,sleep=off"),
+            (
+                Idle::Passes,
+                true,
+                "shift=4,sleep=off,rr=record,rrfile=/dev/null",
+            ),
+        ] {
+            let counting = idle.instruction_counting(alone);
+            let command = command(runner, Path::new("a robot.elf"), counting);
+            let words: Vec<&OsStr> = command.get_args().collect();
+            let serial = format!("socket,path={UART_SOCKET}");
+            let all = [
+                "-machine",
+                "m",
+                "-icount",
+                expected,
+                "-chardev",
+                &serial,
+                "-kernel",
+                "a robot.elf",
+            ];
+            assert_eq!(command.get_program(), "qemu");
+            assert_eq!(words, all);
+        }
+    }
 }

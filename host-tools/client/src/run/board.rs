@@ -214,11 +214,12 @@ impl RunningBoard {
                 let answer = move |request: &_| served.exchange(request);
                 if link == LinkWay::Exchange {
                     let (near, line) = line::pair();
+                    let idle = Idle::Passes;
                     let emulator =
-                        Emulator::start_linked(&firmware, Idle::Passes, answer, flash, Some(near))?;
+                        Emulator::start_linked(board, &firmware, idle, answer, flash, Some(near))?;
                     return Ok((RunningBoard::Emulated(Box::new(emulator)), Box::new(line)));
                 }
-                let mut emulator = Emulator::start(&firmware, Idle::Passes, answer, flash)?;
+                let mut emulator = Emulator::start(board, &firmware, Idle::Passes, answer, flash)?;
                 let uart = emulator.take_uart().ok_or(EmulatorError::NotStarted {
                     console: String::new(),
                 })?;

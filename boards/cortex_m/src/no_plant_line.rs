@@ -3,13 +3,15 @@
 
 use rt_firmware::body::line::LinePart;
 
+use crate::line_timer::LineTimer;
+
 /// The link goes by the UART.
-pub const fn start() -> bool {
+pub const fn start<C: LineTimer>() -> bool {
     false
 }
 
 /// No timer was started.
-pub fn acknowledge() {}
+pub fn acknowledge<C: LineTimer>() {}
 
 /// Nobody carries it.
 pub fn swap(_part: &LinePart) -> Option<LinePart> {

@@ -18,7 +18,7 @@ const REQUEST_PIPE: &CStr = c"plant-request";
 const REPLY_PIPE: &CStr = c"plant-reply";
 
 /// Not a file.
-pub(crate) const CLOSED: RawFd = -1;
+pub const CLOSED: RawFd = -1;
 
 static REQUESTS: AtomicI32 = AtomicI32::new(CLOSED);
 static REPLIES: AtomicI32 = AtomicI32::new(CLOSED);
@@ -29,7 +29,7 @@ pub fn open() {
 }
 
 /// Opens a pair of pipes. None if they are not there.
-pub(crate) fn open_pair(
+pub fn open_pair(
     requests: &AtomicI32,
     request_pipe: &CStr,
     replies: &AtomicI32,
@@ -62,13 +62,13 @@ pub fn exchange(request: &Request) -> Option<[u8; REPLY_BYTES]> {
 /// Writes a message to a pipe. It is shorter than what a pipe takes in one piece, so it is written
 /// whole or not at all. The call tells how many bytes are left.
 #[inline]
-pub(crate) fn send(pipe: BorrowedFd<'_>, message: &[u8]) -> Option<()> {
+pub fn send(pipe: BorrowedFd<'_>, message: &[u8]) -> Option<()> {
     matches!(sys_write_orig(pipe, message), Ok(0)).then_some(())
 }
 
 /// Waits until a message that fills `room` has come out of a pipe.
 #[inline]
-pub(crate) fn receive(pipe: BorrowedFd<'_>, room: &mut [u8]) -> Option<()> {
+pub fn receive(pipe: BorrowedFd<'_>, room: &mut [u8]) -> Option<()> {
     let mut unread = room.len();
     while unread > 0 {
         let read = room.len() - unread;
@@ -80,7 +80,8 @@ pub(crate) fn receive(pipe: BorrowedFd<'_>, room: &mut [u8]) -> Option<()> {
     Some(())
 }
 
-pub(crate) fn file(pipe: &AtomicI32) -> Option<BorrowedFd<'static>> {
+/// The pipe of that number, if it was opened.
+pub fn file(pipe: &AtomicI32) -> Option<BorrowedFd<'static>> {
     match pipe.load(Relaxed) {
         CLOSED => None,
         // SAFETY: `open` put the number of an open file there, which is never closed.

@@ -1,0 +1,239 @@
+//! The RTIC app, as a macro: RTIC generates a program for the types that it is given, so it cannot
+//! be generic over the robot.
+
+/// Makes the firmware of a robot: `main`, the interrupt handlers, and the memory of all of it. A
+/// board's own `app!` calls it, and says which crate the board is and which interrupts it has:
+///
+/// ```ignore
+/// #[macro_export]
+/// macro_rules! app {
+///     ($($firmware:tt)*) => {
+///         $crate::cortex_m_board::app! {
+///             board($crate);
+///             interrupts(slots: TIM2, wire: USART1, plant_line: TIM5, link: CAN2_SCE);
+///             $($firmware)*
+///         }
+///     };
+/// }
+/// ```
+///
+/// `plant_line` and `watchdog` may be left out. `link` is an interrupt that no part uses: it is
+/// pended by software. The board's crate has these names:
+///
+/// | name | what it is |
+/// |---|---|
+/// | `NAME`, `settings`, `Memory` | its name, and what `board.toml` says, as constants |
+/// | `start`, `Parts` | the first code, which gives a [`Start`](crate::sides::Start), and the robot's pins |
+/// | `slots::SlotBoard` | the [`Board`](rt_firmware::Board) for the slot timer's handler |
+/// | `slot_timer` | `start`, `begin` (first of all in the handler), `set` (last) |
+/// | `flash` | `StoreMemory`, `open` |
+/// | `line`, `uart::Uart` | the line's ends with `split`, and the wire of its interrupt |
+/// | `watchdog` | `start` |
+/// | `post_mortem` | `end`, where there is a `watchdog` interrupt |
+/// | `pac`, `rtic`, `cortex_m`, `cortex_m_board`, `heapless`, `rt_firmware` | crates |
+///
+/// What a firmware says behind that:
+///
+/// `robot` is the registry's type, with the function that builds it from the pins (a
+/// `fn(Parts) -> Robot`); `firmware` is the name and version that the robot tells of itself, in at
+/// most 40 bytes.
+///
+/// `emergency_stop` is the button of one, if the robot has it: the type of an input that is low
+/// while it is pressed (embedded-hal's `InputPin`), with what gives it. It stops the robot whatever
+/// the mission does and whether or not a host is there, until it is released. Without it nothing of
+/// a button is in the firmware.
+///
+/// `default_mission` are the bytes of a mission that `esm build` has made: what the robot does if
+/// its flash has no mission that may run. Without it, it does nothing then.
+///
+/// A firmware of another kind, such as a benchmark, names besides what its slots run on (a
+/// [`Board`](rt_firmware::Board), with the function that builds it from the board's), the memory of
+/// its runtime, and how many slots that has.
+#[macro_export]
+macro_rules! app {
+    (board($b:tt); interrupts $interrupts:tt;
+     firmware: $firmware:expr, robot: $robot:ty = $make:expr
+     $(, default_mission: $default_mission:expr)? $(,)?) => {
+        $crate::app! {
+            board($b);
+            interrupts $interrupts;
+            firmware: $firmware,
+            robot: $robot = $make,
+            board: $b::slots::SlotBoard = |board| board,
+            memory: $b::Memory<'static>,
+            slots: $b::settings::SLOTS,
+            $(default_mission: $default_mission,)?
+        }
+    };
+    (
+        board($b:tt);
+        interrupts $interrupts:tt;
+        firmware: $firmware:expr,
+        robot: $robot:ty = $make:expr,
+        emergency_stop: $pin:ty = $make_pin:expr
+        $(, default_mission: $default_mission:expr)? $(,)?
+    ) => {
+        $crate::app! {
+            board($b);
+            interrupts $interrupts;
+            firmware: $firmware,
+            robot: $robot = $make,
+            board: $b::rt_firmware::WithStopButton<$b::slots::SlotBoard, $pin> = |board| {
+                $b::rt_firmware::WithStopButton::new(board, $make_pin)
+            },
+            memory: $b::Memory<'static>,
+            slots: $b::settings::SLOTS,
+            $(default_mission: $default_mission,)?
+        }
+    };
+    (
+        board($b:tt);
+        interrupts(
+            slots: $slot_timer:ident,
+            wire: $wire:ident,
+            $(plant_line: $plant_line:ident,)?
+            $(watchdog: $watchdog:ident,)?
+            link: $link:ident $(,)?
+        );
+        firmware: $firmware:expr,
+        robot: $robot:ty = $make:expr,
+        board: $board:ty = $make_board:expr,
+        memory: $memory:ty,
+        slots: $slots:expr
+        $(, default_mission: $default_mission:expr)? $(,)?
+    ) => {
+        #[$b::rtic::app(device = $b::pac, peripherals = false)]
+        // RTIC calls unsafe functions in unsafe functions without a block around the call.
+        #[allow(unsafe_op_in_unsafe_fn, missing_docs)]
+        mod app {
+            use core::mem::MaybeUninit;
+
+            use super::*;
+            use $b::cortex_m_board::crash;
+            use $b::cortex_m_board::sides::{self, Sides};
+            use $b::flash::{self, StoreMemory};
+            use $b::heapless::spsc::Queue;
+            use $b::line::{self, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
+            use $b::pac::Interrupt;
+            use $b::rt_firmware::{
+                About, AnyTaskPool, Background, Limits, LinkSide, Mailbox, RealTime, split,
+            };
+            use $b::uart::Uart;
+            use $b::{cortex_m, rtic, slot_timer, watchdog};
+
+            type MissionMemory = $memory;
+
+            #[shared]
+            struct Shared {
+                // Both handlers have one priority.
+                #[lock_free]
+                line: line::Line,
+            }
+
+            // The large ones by reference: RTIC moves these on the stack.
+            #[local]
+            struct Local {
+                real_time: &'static mut RealTime<'static, 'static>,
+                board: $board,
+                background: Background<'static, 'static>,
+                link: &'static mut LinkSide<'static, 'static>,
+                link_end: LinkEnd,
+            }
+
+            #[init(local = [
+                robot: MaybeUninit<$robot> = MaybeUninit::uninit(),
+                banks: MaybeUninit<[&'static mut (dyn AnyTaskPool + 'static); <$robot>::POOLS]> = MaybeUninit::uninit(),
+                memory: MissionMemory = MissionMemory::new(),
+                mailbox: Mailbox<'static> = Mailbox::new(),
+                real_time_place: MaybeUninit<RealTime<'static, 'static>> = MaybeUninit::uninit(),
+                link_place: MaybeUninit<LinkSide<'static, 'static>> = MaybeUninit::uninit(),
+                received: Queue<u8, RECEIVE_BYTES> = Queue::new(),
+                to_transmit: Queue<u8, TRANSMIT_BYTES> = Queue::new(),
+                keep: StoreMemory = StoreMemory::new(),
+            ])]
+            fn init(cx: init::Context) -> (Shared, Local) {
+                let start = $b::start();
+                let make_board: fn($b::slots::SlotBoard) -> $board = $make_board;
+                let parts = start.parts;
+                let robot = $b::cortex_m_board::put(cx.local.robot, || {
+                    let make: fn($b::Parts) -> $robot = $make;
+                    make(parts)
+                });
+                let banks = cx.local.banks.write(robot.banks());
+                let about = About {
+                    reset: start.reset,
+                    kept: Some(crash::kept()),
+                    ..About::new($firmware, $b::NAME)
+                };
+                let Sides { real_time, background, link } = sides::make(
+                    cx.local.real_time_place,
+                    cx.local.link_place,
+                    || split(cx.local.memory, banks, cx.local.mailbox, about, Limits::default()),
+                );
+                let default_mission: Option<&'static [u8]> = [$(&$default_mission[..])?].first().copied();
+                let keep = flash::open(cx.local.keep, default_mission);
+                let (line, mut link_end) = line::split(
+                    cx.local.received,
+                    cx.local.to_transmit,
+                    link.stop_listener(),
+                    keep,
+                );
+                link.start(&mut link_end);
+                slot_timer::start();
+                watchdog::start();
+                (
+                    Shared { line },
+                    Local { real_time, board: make_board(start.board), background, link, link_end },
+                )
+            }
+
+            #[idle(local = [background])]
+            fn idle(cx: idle::Context) -> ! {
+                loop {
+                    if !cx.local.background.poll() {
+                        // An interrupt that gives it work ends the sleep, or has come already and
+                        // made it pending.
+                        cortex_m::asm::wfi();
+                    }
+                }
+            }
+
+            #[task(binds = $slot_timer, priority = 7, local = [real_time, board])]
+            fn slots(cx: slots::Context) {
+                slot_timer::begin();
+                let next_ticks = cx.local.real_time.on_timer(cx.local.board);
+                slot_timer::set(next_ticks);
+                rtic::export::pend(Interrupt::$link);
+            }
+
+            #[task(binds = $wire, priority = 3, shared = [line])]
+            fn wire(cx: wire::Context) {
+                if cx.shared.line.serve(&mut Uart) {
+                    rtic::export::pend(Interrupt::$link);
+                }
+            }
+
+            $(
+                #[task(binds = $plant_line, priority = 3, shared = [line])]
+                fn plant_line(cx: plant_line::Context) {
+                    if cx.shared.line.swap() {
+                        rtic::export::pend(Interrupt::$link);
+                    }
+                }
+            )?
+
+            #[task(binds = $link, priority = 2, local = [link, link_end])]
+            fn link(cx: link::Context) {
+                cx.local.link_end.serve(cx.local.link);
+            }
+
+            $(
+                #[task(binds = $watchdog, priority = 8)]
+                fn slots_have_stopped(_: slots_have_stopped::Context) {
+                    use $b::rt_firmware::retained_ram::CrashCause;
+                    $b::post_mortem::end(&CrashCause::Watchdog);
+                }
+            )?
+        }
+    };
+}

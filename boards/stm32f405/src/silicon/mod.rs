@@ -1,0 +1,32 @@
+//! What is on a part of silicon and not in the emulator: pins, and all that is at them, and the
+//! chip's flash.
+
+pub mod analog;
+pub mod encoders;
+#[cfg(feature = "store")]
+pub mod flash;
+pub mod motors;
+pub mod pins;
+pub mod sonars;
+pub mod wiring;
+
+use cortex_m_board::chip::MotorChip;
+use cortex_m_board::chip_board::ChipBoard;
+use rt_firmware::WithStopButton;
+
+use crate::Stm32f405;
+
+/// Time, motors, watchdog and the button of the emergency stop for the slot timer's handler.
+pub type SlotBoard = WithStopButton<ChipBoard<Stm32f405>, pins::Pin>;
+
+impl MotorChip for Stm32f405 {
+    fn motors_off() {
+        motors::all_off();
+    }
+}
+
+/// Starts what is at the pins.
+pub(crate) fn start() -> (SlotBoard, pins::BoardRoverParts) {
+    let (stop_button, parts) = pins::start();
+    (SlotBoard::new(ChipBoard::new(), stop_button), parts)
+}
