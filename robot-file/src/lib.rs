@@ -54,6 +54,9 @@ pub struct Robot {
 struct RobotFile {
     name: String,
     board: String,
+    /// Outputs for the robot's own drivers.
+    #[serde(default)]
+    outputs: Vec<u8>,
     wheels: Wheels,
     left: Wheel,
     right: Wheel,

@@ -13,5 +13,5 @@ use robot::{MEASURES, Robot, WIRING};
 pico::app! {
     firmware: concat!("my_pico ", env!("CARGO_PKG_VERSION")),
     wiring: WIRING,
-    robot: Robot = |parts| Robot::new(parts, &MEASURES),
+    robot: Robot = |parts| Robot::new(parts.rover, &MEASURES),
 }
