@@ -280,6 +280,14 @@ pub fn check(file: &Path, text: &str) -> Result<Robot, RobotFileError> {
     })
 }
 
+/// Whether a board's pins are connected by a robot's file.
+pub fn has_pins(board: &str) -> bool {
+    let boards = BOARDS.iter().filter_map(|text| toml::from_str(text).ok());
+    boards
+        .filter(|known: &Board| known.pins.is_some())
+        .any(|known| known.name == board)
+}
+
 fn parse(text: &str) -> Result<Robot, Vec<String>> {
     let file: RobotFile = toml::from_str(text).map_err(|cause| vec![cause.to_string()])?;
     let boards = BOARDS.iter().filter_map(|text| toml::from_str(text).ok());

@@ -54,7 +54,7 @@ Options:
   --bin <NAME>                       firmware: what to build, may be repeated [default: rover]
   --board <NAME>                     firmware, emulator: the board, one of those in boards/ [default: that of QEMU]
   --example                          firmware: build examples/my_robot instead
-  --robot <FOLDER>                   firmware: build the robot in FOLDER, a copy of examples/my_robot or my_pico; with --bin if its program has another name
+  --robot <FOLDER>                   firmware: build the robot in FOLDER, as `esm new robot` makes one, for its board
   --lean                             firmware: build the default firmware without its features, to rover-lean.elf
   --with <FEATURE>                   firmware: build the default firmware with a feature of its board that it lacks, to rover-FEATURE.elf
   --quick                            test: leave out what takes minutes (emulator, my_robot)
@@ -177,8 +177,8 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             let is_variant = options.lean || options.with.is_some();
             if options.board.is_some() && (names_robot || is_variant) {
                 return Err(Failure::Usage(
-                    "--example, --lean and --with are of the default board, and the file of a --robot names its \
-                     board: leave --board out"
+                    "--example, --lean and --with are of the default board, and a --robot names its own: \
+                     leave --board out"
                         .to_owned(),
                 ));
             }

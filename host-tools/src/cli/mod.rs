@@ -45,6 +45,7 @@ pub mod key;
 pub mod log;
 pub mod lsp;
 pub mod mission;
+pub mod new;
 pub mod odometry;
 mod own_drive;
 pub mod param;
@@ -137,6 +138,7 @@ pub enum Command {
     Ports(ports::PortsArgs),
     Flash(flash::FlashArgs),
     Wiring(wiring::WiringArgs),
+    New(new::NewArgs),
     Replay(replay::ReplayArgs),
     Odometry(odometry::OdometryArgs),
     Tune(tune::TuneArgs),
@@ -237,6 +239,7 @@ pub fn execute(
         Command::Ports(args) => ports::execute(args, console),
         Command::Flash(args) => flash::execute(args, console),
         Command::Wiring(args) => wiring::execute(args, console),
+        Command::New(args) => new::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
         Command::Odometry(args) => odometry::execute(args, console),
         Command::Tune(args) => tune::execute(args, robot, console),

@@ -4,8 +4,12 @@
 use std::process::ExitCode;
 
 use esm::host_tools;
-use my_robot::MyRobot;
+
+use my_robot::{MEASURES, MyRobot};
 
 fn main() -> ExitCode {
-    host_tools::cli::main_with(|parts, run| run(&mut MyRobot::new(parts).banks()))
+    host_tools::cli::main_with(|parts, run| {
+        let mut robot = MyRobot::new(parts.into(), &MEASURES);
+        run(&mut robot.banks())
+    })
 }

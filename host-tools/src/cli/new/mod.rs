@@ -1,0 +1,50 @@
+//! `esm new`: what one begins with, as files that build.
+//!
+//! | module | what it makes |
+//! |---|---|
+//! | [`robot`] | a crate of the user's own |
+//! | [`files`] | files of templates, where none is |
+//! | [`names`] | names that Rust, cargo and the firmware take |
+//! | [`framework`] | finds the checkout that a robot depends on |
+//! | [`locks`] | lock files of the versions that were tested |
+
+pub mod files;
+pub mod framework;
+pub mod locks;
+pub mod names;
+pub mod robot;
+
+use clap::{Args, Subcommand};
+
+use super::console::Console;
+use super::exit::CommandError;
+
+/// Makes a robot, and adds tasks, behaviours and missions to it
+///
+/// Nothing that is there is written over.
+#[derive(Debug, Args)]
+pub struct NewArgs {
+    /// What is to be made
+    #[command(subcommand)]
+    pub what: What,
+}
+
+/// What can be made.
+#[derive(Debug, Subcommand)]
+#[allow(
+    missing_docs,
+    reason = "each variant carries the documentation of its arguments"
+)]
+pub enum What {
+    Robot(robot::NewRobotArgs),
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// What kept it from ending well.
+pub fn execute(args: &NewArgs, console: &mut Console) -> Result<(), CommandError> {
+    match &args.what {
+        What::Robot(args) => robot::execute(args, console),
+    }
+}
