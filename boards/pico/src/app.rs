@@ -5,7 +5,8 @@
 ///
 /// `wiring` is a constant: which pin is what, as the robot's file says it. `robot` is the
 /// registry's type, with the function that builds it from the board's
-/// [`RobotParts`](rt_firmware::robot_parts::RobotParts); `firmware` is the name and version that the robot tells of itself, in at most 40 bytes.
+/// [`RobotParts`](rt_firmware::robot_parts::RobotParts); `firmware` is the name and version that
+/// the robot tells of itself, in at most 40 bytes.
 ///
 /// `default_mission` are the bytes of a mission that `esm build` has made: what the robot does if
 /// its flash has no mission that may run. Without it, it does nothing then.
@@ -28,7 +29,7 @@ macro_rules! app {
             use $crate::flash::{self, StoreMemory};
             use $crate::heapless::spsc::Queue;
             use $crate::line::{self, Line, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
-            use $crate::pins::{BoardParts, StopPin};
+            use $crate::pins::StopPin;
             use $crate::rp2040_hal::pac::Interrupt;
             use $crate::rp2040_hal::usb::UsbBus;
             use $crate::rp2040_hal::vector_table::VectorTable;
@@ -82,7 +83,8 @@ macro_rules! app {
                 let start = $crate::start(cx.local.vectors, cx.local.usb_bus, &$wiring);
                 let parts = start.parts;
                 let robot = $crate::put(cx.local.robot, || {
-                    type Given = RobotParts<BoardParts, { $wiring.sonars.len() }>;
+                    type Given =
+                        RobotParts<$crate::pins::BoardParts, { $wiring.sonars.len() }>;
                     let make: fn(Given) -> $robot = $make;
                     make(parts.robot)
                 });

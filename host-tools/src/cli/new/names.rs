@@ -37,8 +37,9 @@ const TAKEN: [&str; 17] = [
 ];
 
 /// Types that a robot's registry has in scope, or that every module of Rust has.
-const TYPES: [&str; 24] = [
+const TYPES: [&str; 25] = [
     "BatteryMonitor",
+    "Behaviours",
     "Box",
     "Cruise",
     "Err",
