@@ -114,8 +114,37 @@ fn build_on(
     build_in(root, folder, for_board, toolchain, RELEASE, bins, features)
 }
 
+/// The names of all boards.
+///
+/// # Errors
+/// [`Failure::File`]: their folder cannot be read.
+pub fn boards(root: &Path) -> Result<Vec<String>, Failure> {
+    let folder = root.join("boards");
+    let entries = std::fs::read_dir(&folder).map_err(|cause| Failure::File {
+        path: folder.clone(),
+        cause,
+    })?;
+    let boards = entries
+        .flatten()
+        .filter(|entry| entry.path().join("board.toml").is_file());
+    let names = boards.filter_map(|entry| entry.file_name().into_string().ok());
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    Ok(names)
+}
+
+/// Whether firmware is put onto the board: no emulator is all of it.
+///
+/// # Errors
+/// [`Failure::File`]: its file cannot be read.
+pub fn is_flashed(root: &Path, board: &str) -> Result<bool, Failure> {
+    let path = root.join("boards").join(board).join("board.toml");
+    let text = std::fs::read_to_string(&path).map_err(|cause| Failure::File { path, cause })?;
+    Ok(text.contains("\n[flashing]\n"))
+}
+
 /// The text between quotes behind `key = ` in a file of settings.
-fn quoted(text: &str, key: &str) -> Option<String> {
+pub fn quoted(text: &str, key: &str) -> Option<String> {
     let mut values = text.lines().filter_map(|line| line.split_once(" = "));
     let (_, value) = values.find(|(name, _)| *name == key)?;
     value.split('"').nth(1).map(str::to_owned)

@@ -1,6 +1,6 @@
 //! `cargo xtask test`: every check, in parts; what fails does not keep the rest from running.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use crate::bench;
@@ -148,7 +148,14 @@ fn builds(root: &Path, choice: Choice, tally: &mut Tally) {
 }
 
 /// Tests of the whole that run beside the others: about half of the time that all take.
-const BESIDE: [&str; 5] = ["faults", "hostile_host", "pico", "ports", "power_cuts"];
+const BESIDE: [&str; 6] = [
+    "faults",
+    "hostile_host",
+    "new_robot",
+    "pico",
+    "ports",
+    "power_cuts",
+];
 
 /// Where tests of the whole stand, below the checkout: a file, or a folder, each.
 const WHOLE_FOLDERS: [&str; 4] = [
@@ -270,7 +277,7 @@ const FILE_EXAMPLE_FOLDER: &str = "examples/my_pico";
 const FILE_EXAMPLE_FIRMWARE_FOLDER: &str = "examples/my_pico/firmware";
 
 /// Crates without a lock file: they are built as parts of others.
-const UNLOCKED: [&str; 3] = ["esm", "boards/cortex_m", "boards/settings"];
+const UNLOCKED: [&str; 2] = ["esm", "boards/cortex_m"];
 
 /// What a board's firmware has the libraries do.
 const FIRMWARE_FEATURES: &str = "rt-firmware/all-tasks,rt-firmware/black-box,rt-firmware/defmt,rt-firmware/docs,\
@@ -438,6 +445,17 @@ fn example_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
         firmware = firmware::build_example(root, toolchain)?.pop();
         Ok(())
     });
+    if has_component("clippy") {
+        tally.step("my_robot: lints", || {
+            let mut cargo = cargo(&root.join(EXAMPLE_FOLDER));
+            cargo.args(["clippy", "--quiet", "--all-targets", "--target-dir"]);
+            process::run(
+                cargo
+                    .arg(root.join("target"))
+                    .args(["--", "-D", "warnings"]),
+            )
+        });
+    }
     let environment = firmware.map(|file| (EXAMPLE_FIRMWARE_VARIABLE, file));
     for example in [EXAMPLE_FOLDER, FILE_EXAMPLE_FOLDER] {
         tally.tests(

@@ -15,6 +15,7 @@
 //! | [`seeds`] | seeds of many runs |
 //! | [`stage`] | board, world and mission, for the commands that set up a robot |
 //! | [`robot`] | a robot at the other end of a line, for the commands that talk to one |
+//! | [`robot_toml`] | numbers of a robot's file, changed where they stand |
 //! | [`terminal`] | the screen of a terminal, for the commands that take it |
 
 pub mod argument;
@@ -56,6 +57,7 @@ pub mod record;
 pub mod recorder;
 pub mod replay;
 pub mod robot;
+pub mod robot_toml;
 pub mod run;
 pub mod schedule;
 pub mod script;

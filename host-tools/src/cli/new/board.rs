@@ -9,6 +9,7 @@ use toml_edit::DocumentMut;
 
 use super::files::{self, NewFile, Report};
 use super::framework;
+use super::locks::{self, Rename};
 use super::names::Name;
 use crate::boards::{self, Firmware};
 use crate::cli::console::Console;
@@ -118,6 +119,14 @@ fn board_files(
         let text = file::read_text(&folder.join(&path), "board's file")?;
         let text = match path.file_name().and_then(|it| it.to_str()) {
             Some("board.toml") => board_toml(&text, from, name)?,
+            Some("Cargo.lock") => {
+                let [from, to] = [from, &name.snake].map(|board| format!("{board}-board"));
+                let rename = Rename {
+                    from: &from,
+                    to: &to,
+                };
+                locks::renamed(&text, rename)
+            }
             _ => renamed(&text, from, &name.snake),
         };
         let named = renamed(&path.to_string_lossy(), from, &name.snake);
@@ -151,19 +160,16 @@ fn paths(top: &Path, below: &Path) -> Result<Vec<PathBuf>, CommandError> {
     Ok(found)
 }
 
-/// A text in which the board has another name. Names of parts, such as a chip's crate, stay: they
-/// are said to be packages.
+/// A text in which the board has another name. What is said to be a package, such as a chip's
+/// crate, keeps its name.
 fn renamed(text: &str, from: &str, to: &str) -> String {
-    let lines = text.split_inclusive('\n').map(|line| {
-        let is_of_package = line.contains(&format!("package = \"{from}\""));
-        let is_locked = line.trim_end() == format!("name = \"{from}\"")
-            || line.trim() == format!("\"{from}\",");
-        match is_of_package || is_locked {
-            true => line.to_owned(),
-            false => words_replaced(line, from, to),
-        }
+    let package = format!("package = \"{from}\"");
+    let lines = text.split_inclusive('\n');
+    let renamed = lines.map(|line| match line.contains(&package) {
+        true => line.to_owned(),
+        false => words_replaced(line, from, to),
     });
-    lines.collect()
+    renamed.collect()
 }
 
 /// A line with each word `from` replaced.
@@ -259,7 +265,7 @@ mod tests {
                 "pac = { package = \"lm3s6965\" }\n",
             ),
             ("name = \"lm3s6965-board\"\n", "name = \"mine-board\"\n"),
-            ("name = \"lm3s6965\"\n", "name = \"lm3s6965\"\n"),
+            ("name = \"lm3s6965\"\n", "name = \"mine\"\n"),
             ("my_lm3s6965, lm3s6965", "my_lm3s6965, mine"),
         ] {
             assert_eq!(renamed(line, "lm3s6965", "mine"), expected);

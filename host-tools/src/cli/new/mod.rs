@@ -29,6 +29,14 @@ use super::exit::CommandError;
 ///
 /// Nothing that is there is written over.
 #[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  esm new robot my_robot             a crate that builds, with a task, a mission and firmware
+  esm new robot my_pico --board pico
+  esm new task watch_ahead           in the robot's folder
+  esm new behaviour come_near
+  esm new mission explore
+  esm new board my_board             in the framework's checkout")]
 pub struct NewArgs {
     /// What is to be made
     #[command(subcommand)]
