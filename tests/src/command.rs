@@ -256,8 +256,8 @@ fn esm_in_shell<S: AsRef<str>>(before: &str, arguments: &[S]) -> (Done, Duration
     (done, Duration::from_secs_f64(took.sum()))
 }
 
-/// Runs a line as a shell does, in a folder, to its end. The command `esm` is on its path, and cargo
-/// takes what has been built in the checkout.
+/// Runs a line as a shell does, in a folder, to its end. The command `esm` is on its path, and
+/// cargo takes what has been built in the checkout.
 ///
 /// # Panics
 /// If it cannot be started or does not end.

@@ -1,5 +1,5 @@
-//! `esm new`: what it writes builds, holds and drives, outside the checkout, by the words of its own
-//! README; and nothing that is there is written over.
+//! `esm new`: what it writes builds, holds and drives, outside the checkout, by the words of its
+//! own README; and nothing that is there is written over.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 

@@ -1,5 +1,5 @@
-//! For build scripts: what the folder of each board says of it, and the numbers of a `board.toml` as
-//! constants.
+//! For build scripts: what the folder of each board says of it, and the numbers of a `board.toml`
+//! as constants.
 
 use std::collections::HashMap;
 use std::fmt::Write as _;

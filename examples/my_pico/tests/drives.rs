@@ -1,4 +1,4 @@
-//! The whole robot drives its mission: on the host board.
+//! The whole robot drives its mission on the host board.
 
 use std::fs;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! The whole robot drives its mission: on the host board, and, where `ESM_ROBOT_FIRMWARE` names its ELF file, in
-//! the emulator, with the same trace.
+//! The whole robot drives its mission on the host board. Where `ESM_ROBOT_FIRMWARE` names
+//! its ELF file, it drives in the emulator, too, with the same trace.
 
 use std::fs;
 use std::path::Path;
