@@ -5,9 +5,12 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+/// Where cargo says that the program is.
+const PROGRAM: &str = "CARGO_BIN_EXE_my_robot";
+
 /// Runs the robot's program in the robot's folder.
 fn robot(arguments: &[&str]) -> Output {
-    let program = std::env::var_os("CARGO_BIN_EXE_my_robot").expect("cargo says where it is");
+    let program = std::env::var_os(PROGRAM).expect("cargo says where it is");
     let mut robot = Command::new(program);
     robot.args(arguments).output().expect("the program starts")
 }

@@ -5,11 +5,12 @@ use std::process::ExitCode;
 
 use esm::host_tools;
 
-use my_pico::{MEASURES, MyPico};
+use my_pico::MyPico;
 
 fn main() -> ExitCode {
     host_tools::cli::main_with(|parts, run| {
-        let mut robot = MyPico::new(parts.into(), &MEASURES);
+        let measures = &my_pico::MEASURES;
+        let mut robot = MyPico::new(parts.into(), measures);
         run(&mut robot.banks())
     })
 }

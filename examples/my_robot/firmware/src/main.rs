@@ -2,13 +2,14 @@
 #![no_std]
 #![no_main]
 
+use my_robot::MyRobot;
 use my_robot::esm::lm3s6965::{self, PINS};
 use my_robot::esm::rt_firmware::body::{SONARS, StopPin};
 use my_robot::esm::rt_firmware::robot_parts::PinParts;
-use my_robot::{MEASURES, MyRobot};
 
 lm3s6965::app! {
     firmware: concat!("my_robot ", env!("CARGO_PKG_VERSION")),
-    robot: MyRobot<PinParts<'static>, SONARS> = |pins| MyRobot::new(pins.into(), &MEASURES),
+    robot: MyRobot<PinParts<'static>, SONARS> =
+        |pins| MyRobot::new(pins.into(), &my_robot::MEASURES),
     emergency_stop: StopPin<'static> = PINS.stop_button(),
 }

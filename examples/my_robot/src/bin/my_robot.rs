@@ -5,11 +5,12 @@ use std::process::ExitCode;
 
 use esm::host_tools;
 
-use my_robot::{MEASURES, MyRobot};
+use my_robot::MyRobot;
 
 fn main() -> ExitCode {
     host_tools::cli::main_with(|parts, run| {
-        let mut robot = MyRobot::new(parts.into(), &MEASURES);
+        let measures = &my_robot::MEASURES;
+        let mut robot = MyRobot::new(parts.into(), measures);
         run(&mut robot.banks())
     })
 }

@@ -119,8 +119,9 @@ pub fn entered(library: &str, entry: &Entry<'_>) -> Option<String> {
     if lines[registry..pools_end].iter().any(is_there) {
         return None;
     }
-    let pool = format!("{}{}", " ".repeat(indent), entry.in_constructor());
-    lines.insert(pools_end, pool);
+    for line in laid_out(&entry.in_constructor(), indent).into_iter().rev() {
+        lines.insert(pools_end, line);
+    }
     lines.insert(registry_end, format!("        {}", entry.in_registry()));
     if let Some(module) = entry.module {
         let named = |line: &String| {
@@ -141,6 +142,21 @@ pub fn entered(library: &str, entry: &Entry<'_>) -> Option<String> {
         lines.insert(place, format!("pub mod {module};"));
     }
     Some(lines.join("\n") + "\n")
+}
+
+/// A line of the constructor as `cargo fmt` lays it out: one that is too wide is three.
+fn laid_out(line: &str, indent: usize) -> Vec<String> {
+    /// What a line has at most.
+    const COLUMNS: usize = 100;
+    let blanks = " ".repeat(indent);
+    match (line.split_once('('), line.strip_suffix("),")) {
+        (Some((before, behind)), Some(_)) if indent + line.len() > COLUMNS => vec![
+            format!("{blanks}{before}("),
+            format!("{blanks}    {},", behind.trim_end_matches("),")),
+            format!("{blanks}),"),
+        ],
+        _ => vec![format!("{blanks}{line}")],
+    }
 }
 
 /// The only line that is so.
