@@ -181,7 +181,8 @@ fn words_replaced(line: &str, from: &str, to: &str) -> String {
         let (before, found) = rest.split_at(place);
         let behind = &found[from.len()..];
         text += before;
-        let begins = !text.ends_with(is_letter);
+        // A linker's option has its script behind it without a blank.
+        let begins = !text.ends_with(is_letter) || text.ends_with("-T");
         text += match begins && !behind.starts_with(is_letter) {
             true => to,
             false => from,
@@ -267,6 +268,7 @@ mod tests {
             ("name = \"lm3s6965-board\"\n", "name = \"mine-board\"\n"),
             ("name = \"lm3s6965\"\n", "name = \"mine\"\n"),
             ("my_lm3s6965, lm3s6965", "my_lm3s6965, mine"),
+            ("link-arg=-Tlm3s6965.x", "link-arg=-Tmine.x"),
         ] {
             assert_eq!(renamed(line, "lm3s6965", "mine"), expected);
         }
