@@ -2,16 +2,15 @@
 //! a checkout.
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::{env, fs};
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     let mut list = String::from("[\n");
-    for file in board_settings::board_files(Path::new("../boards")) {
-        let text = fs::read_to_string(&file).unwrap_or_else(|error| panic!("{file:?}: {error}"));
+    for board in board_settings::BOARDS {
         // Writing to a string cannot fail.
-        let _ = writeln!(list, "{text:?},");
+        let _ = writeln!(list, "{:?},", board.settings);
     }
     list += "]\n";
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets its variables"));

@@ -3,11 +3,13 @@
 //!
 //! - [`rt_firmware`]: tasks, registry, drivers. On every target.
 //! - `host_tools`: the `esm` command, with the robot inside. Where there is an operating system.
-//! - `lm3s6965`: the emulated board, with the feature of that name. Where there is none.
+//! - `lm3s6965`, `pico`: a board, with the feature of its name. Where there is none.
 #![no_std]
 
 #[cfg(not(target_os = "none"))]
 pub use host_tools;
 #[cfg(all(target_os = "none", feature = "lm3s6965"))]
 pub use lm3s6965;
+#[cfg(all(target_os = "none", feature = "pico"))]
+pub use pico;
 pub use rt_firmware;

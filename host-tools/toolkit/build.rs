@@ -3,8 +3,10 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::{env, fs};
+
+use board_settings::BoardFiles;
 
 /// Keys of `[capacities]` that a mission is compared with, and the fields of `Capacities` that they
 /// become.
@@ -30,21 +32,18 @@ const FLASHING: [&str; 5] = [
 type Settings = BTreeMap<(String, String), String>;
 
 fn main() {
-    let boards = Path::new("../../boards");
-    // Changes when a board is added or removed.
-    println!("cargo:rerun-if-changed={}", boards.display());
     println!("cargo:rerun-if-changed=build.rs");
     let mut list = String::from("[\n");
     let mut defaults = Vec::new();
-    for file in &board_settings::board_files(boards) {
-        let settings = settings(file);
+    for files in board_settings::BOARDS {
+        let settings = settings(files.settings);
         if settings
             .get(&key("", "default"))
             .is_some_and(|it| it == "true")
         {
             defaults.push(settings[&key("", "name")].clone());
         }
-        list += &board(file, &settings);
+        list += &board(files, &settings);
     }
     list += "]\n";
     let [default] = &defaults[..] else {
@@ -62,19 +61,17 @@ fn folder(variable: &str) -> PathBuf {
 }
 
 /// A board as an item of the list.
-fn board(file: &Path, settings: &Settings) -> String {
+fn board(files: &BoardFiles, settings: &Settings) -> String {
     let value = |section: &str, key: &str| {
         settings
             .get(&self::key(section, key))
-            .unwrap_or_else(|| panic!("{} has no `{key}` in [{section}]", file.display()))
+            .unwrap_or_else(|| panic!("the board {} has no `{key}` in [{section}]", files.name))
     };
-    let folder = file.parent().and_then(Path::file_name);
     let name = value("", "name");
     assert_eq!(
-        folder.map(|folder| format!("{:?}", folder.to_string_lossy())),
-        Some(name.clone()),
-        "a board has the name of its folder: {}",
-        file.display()
+        *name,
+        format!("{:?}", files.name),
+        "a board has the name of its folder"
     );
     let mut item = format!(
         "Board {{ name: {name}, description: {}, capacities: Capacities {{",
@@ -100,17 +97,13 @@ fn board(file: &Path, settings: &Settings) -> String {
         // An emulator's.
         false => "None, interpreter: ".to_owned(),
     };
-    let costs = file.with_file_name("costs.txt");
-    item += &match fs::read_to_string(&costs) {
-        Ok(text) => {
-            println!("cargo:rerun-if-changed={}", costs.display());
-            format!(
-                "Some(InterpreterSpeed {{ costs: {text:?}, instruction_ns: {} }})",
-                value("clock", "instruction_ns")
-            )
-        }
-        // Not measured. A file that is not there is not named: cargo would build anew each time.
-        Err(_) => "None".to_owned(),
+    item += &match files.costs {
+        Some(text) => format!(
+            "Some(InterpreterSpeed {{ costs: {text:?}, instruction_ns: {} }})",
+            value("clock", "instruction_ns")
+        ),
+        // Not measured.
+        None => "None".to_owned(),
     };
     item + " },\n"
 }
@@ -126,8 +119,7 @@ fn key(section: &str, key: &str) -> (String, String) {
 }
 
 /// Reads the part of TOML that `board.toml` is written in: sections, and `key = value` on one line.
-fn settings(file: &Path) -> Settings {
-    let text = fs::read_to_string(file).unwrap_or_else(|error| panic!("{file:?}: {error}"));
+fn settings(text: &str) -> Settings {
     let mut settings = Settings::new();
     let mut section = String::new();
     for line in text.lines().map(str::trim) {

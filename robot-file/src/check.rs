@@ -7,6 +7,9 @@ use crate::{Motor, PwmAndDirection, Robot, TwoInputs, eighths};
 /// Directions that sonars look, or more than one: a robot tells eight apart.
 const MOST_SONARS: usize = 8;
 
+/// Outputs that the runtime gives a robot's own drivers: `AUX_OUTPUTS` of `rt_firmware::body`.
+pub(crate) const OUTPUTS: usize = 4;
+
 /// A pin, and what it is for, as the file names it.
 struct Use {
     pin: u8,
@@ -18,6 +21,12 @@ pub(crate) fn problems(robot: &Robot) -> Vec<String> {
     let mut problems = measures(robot);
     problems.extend(pins(robot));
     problems.extend(sonars(robot));
+    if robot.file.outputs.len() > OUTPUTS {
+        problems.push(format!(
+            "there are {} `outputs`: a robot has up to {OUTPUTS}",
+            robot.file.outputs.len()
+        ));
+    }
     problems
 }
 
@@ -115,6 +124,9 @@ fn uses(robot: &Robot) -> Vec<Use> {
         add(pin, format!("floor.{place}"));
     }
     add(file.stop_button.pin, "stop_button.pin".to_owned());
+    for (place, pin) in file.outputs.iter().enumerate() {
+        add(*pin, format!("outputs[{place}]"));
+    }
     uses
 }
 

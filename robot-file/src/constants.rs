@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use crate::check::OUTPUTS;
 use crate::{Level, Motor, PwmAndDirection, Robot, TwoInputs, Wheel, eighths};
 
 /// The variants of `Bearing`, counter-clockwise from straight ahead.
@@ -32,6 +33,10 @@ impl Robot {
             let (trigger, echo) = (sonar.trigger, sonar.echo);
             let _ = write!(pins, "Sonar {{ trigger: {trigger}, echo: {echo} }}, ");
         }
+        let mut outputs = String::new();
+        for place in 0..OUTPUTS {
+            let _ = write!(outputs, "{:?}, ", file.outputs.get(place));
+        }
         let floor = &file.floor;
         format!(
             "/// What the robot measures.
@@ -61,10 +66,12 @@ pub const WIRING: {board}::wiring::Wiring<{sonars}> = {{
         battery: {},
         floor: [{:?}, {:?}, {:?}],
         stop_button: Button {{ pin: {}, is_pressed_high: {} }},
+        outputs: [{outputs}],
     }}
 }};
 
 /// The rover with these parts.
+#[allow(dead_code, reason = \"a robot with tasks of its own is another\")]
 pub type Robot = {board}::pins::BoardRover<{sonars}>;
 ",
             wheels.base_m,

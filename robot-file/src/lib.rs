@@ -54,6 +54,9 @@ pub struct Robot {
 struct RobotFile {
     name: String,
     board: String,
+    /// Outputs for the robot's own drivers.
+    #[serde(default)]
+    outputs: Vec<u8>,
     wheels: Wheels,
     left: Wheel,
     right: Wheel,
@@ -275,6 +278,14 @@ pub fn check(file: &Path, text: &str) -> Result<Robot, RobotFileError> {
         file: file.to_owned(),
         problems,
     })
+}
+
+/// Whether a board's pins are connected by a robot's file.
+pub fn has_pins(board: &str) -> bool {
+    let boards = BOARDS.iter().filter_map(|text| toml::from_str(text).ok());
+    boards
+        .filter(|known: &Board| known.pins.is_some())
+        .any(|known| known.name == board)
 }
 
 fn parse(text: &str) -> Result<Robot, Vec<String>> {

@@ -89,6 +89,11 @@ impl Robot {
                 &[format!("floor {}", floor.join(" "))],
             );
         }
+        if !file.outputs.is_empty() {
+            let outputs: Vec<String> = file.outputs.iter().map(|&pin| self.pin(pin)).collect();
+            let outputs = [format!("outputs {}", outputs.join(" "))];
+            text(&mut svg, (x, y - 92.0), &outputs);
+        }
         for (place, sonar) in file.sonars.iter().enumerate() {
             let (right, down) = WAYS[eighths(sonar.looks_deg)];
             let (at_x, at_y) = (x + SONAR * right, y + SONAR * down);

@@ -101,6 +101,12 @@ impl Robot {
             &[file.stop_button.pin],
             format!("button of the emergency stop, to {to}"),
         );
+        for (place, pin) in file.outputs.iter().enumerate() {
+            add(
+                &[*pin],
+                format!("output {place} of the robot's own drivers"),
+            );
+        }
         rows
     }
 }

@@ -101,6 +101,12 @@ fn each_mistake_is_said_with_what_to_do() {
             "robot.toml: `floor.floor_counts` and `floor.line_counts` differ, or no line is seen",
         ),
         (
+            "board = \"pico\"\n",
+            "board = \"pico\"\noutputs = [22, 23]\n",
+            "robot.toml: `stop_button.pin` and `outputs[0]` are both GP22: give one of them another pin\n\
+             robot.toml: `outputs[1]` is pin 23, which the board pico does not leave to a robot; it leaves 2 to 22, 26 to 28",
+        ),
+        (
             "name = \"rover\"",
             "name = \"my robot\"",
             "robot.toml: `name` is \"my robot\": it is of letters, digits, `_` and `-`",
@@ -113,6 +119,28 @@ fn each_mistake_is_said_with_what_to_do() {
     ] {
         assert_eq!(said(from, to), expected, "{to}");
     }
+}
+
+#[test]
+fn outputs_of_own_drivers_are_shown_and_are_four_at_most() {
+    let text = changed("[floor]\nleft = 27\nright = 28\n", "[floor]\n");
+    let with =
+        |outputs: &str| text.replace("board = \"pico\"", &format!("board = \"pico\"\n{outputs}"));
+    let robot = check(Path::new("robot.toml"), &with("outputs = [27, 28]")).unwrap();
+    let table = robot.wiring();
+    assert!(
+        table.contains("| GP28 | output 1 of the robot's own drivers |"),
+        "{table}"
+    );
+    assert!(robot.picture().contains(">outputs GP27 GP28<"));
+    let many = with("outputs = [27, 28, 27, 28, 27]");
+    let said = check(Path::new("robot.toml"), &many)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        said.contains("there are 5 `outputs`: a robot has up to 4"),
+        "{said}"
+    );
 }
 
 #[test]

@@ -56,6 +56,7 @@ mod recorder;
 pub mod registry;
 pub mod retained_ram;
 pub mod ring;
+pub mod robot_parts;
 pub mod rover;
 pub mod runtime;
 mod signal;

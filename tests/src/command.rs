@@ -258,6 +258,32 @@ fn esm_in_shell<S: AsRef<str>>(before: &str, arguments: &[S]) -> (Done, Duration
     (done, Duration::from_secs_f64(took.sum()))
 }
 
+/// Runs a line as a shell does, in a folder, to its end. The command `esm` is on its path, and
+/// cargo takes what has been built in the checkout.
+///
+/// # Panics
+/// If it cannot be started or does not end.
+#[track_caller]
+pub fn shell(line: &str, folder: &Path) -> Done {
+    let commands = esm_binary().parent().expect("it is in a folder");
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let paths = std::iter::once(commands.to_owned()).chain(std::env::split_paths(&path));
+    let target = std::env::var_os("CARGO_TARGET_DIR");
+    let mut command = Command::new("sh");
+    command
+        .args(["-c", line])
+        .current_dir(folder)
+        .env(
+            "PATH",
+            std::env::join_paths(paths).expect("paths without `:`"),
+        )
+        .env(
+            "CARGO_TARGET_DIR",
+            target.unwrap_or_else(|| root().join("target").into()),
+        );
+    run(command)
+}
+
 /// Runs a command to its end, with its output kept.
 #[track_caller]
 fn run(command: Command) -> Done {

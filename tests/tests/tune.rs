@@ -156,3 +156,74 @@ fn what_was_found_is_written_where_it_is_wanted_and_nowhere_else() {
         assert!(!refused.err.contains("drives;"), "{}", refused.err);
     }
 }
+
+#[test]
+fn what_a_person_has_measured_goes_into_the_robots_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("robot.toml");
+    fs::copy(root().join("boards/pico/robot.toml"), &path).unwrap();
+    let robot = path.to_str().unwrap();
+    let before = fs::read_to_string(&path).unwrap();
+    let report = esm(&[
+        "tune", "--way", "9.9,10", "--turns", "9.8,10", "--counts", "14396,10", "--write", robot,
+        "--json",
+    ]);
+    let report = report.good().json();
+    // 0.0323 · 0.99, 0.2015 / 0.98
+    for (key, expected) in [
+        ("radius_m", 0.031977),
+        ("base_m", 0.20561),
+        ("counts_per_revolution", 1439.6),
+    ] {
+        assert_eq!(report[key], expected, "{report}");
+    }
+    let expected = before
+        .replace("base_m = 0.2015 ", "base_m = 0.20561 ")
+        .replace("radius_m = 0.0323 ", "radius_m = 0.031977 ")
+        .replace(
+            "counts_per_revolution = 1440 ",
+            "counts_per_revolution = 1439.6 ",
+        );
+    assert_eq!(fs::read_to_string(&path).unwrap(), expected);
+    esm(&["wiring", robot]).good();
+
+    let squares = [
+        "umbmark",
+        "--cw",
+        "-12,-20",
+        "--ccw",
+        "-4,9",
+        "--side-mm",
+        "1000",
+    ];
+    let named = ["--base-mm", "205.6", "--write", robot, "--json"];
+    let evaluated = esm(&[&squares[..], &named].concat()).good().json();
+    let base_m = (evaluated["base_mm"].as_f64().unwrap() * 10.0).round() / 10_000.0;
+    let with_base = expected.replace("0.20561 ", &format!("{base_m} "));
+    assert_eq!(fs::read_to_string(&path).unwrap(), with_base);
+
+    for (arguments, said, status) in [
+        (
+            ["--way", "1,100", "--write", robot],
+            "`wheels.radius_m` is",
+            1,
+        ),
+        (["--way", "1", "--write", robot], "expected two numbers", 2),
+        (
+            ["--way", "1,1", "--write", "missions/guard.esm"],
+            "is a mission",
+            2,
+        ),
+        (["--way", "1,1", "--seed", "1"], "cannot be used with", 2),
+    ] {
+        let refused = esm(&[&["tune"][..], &arguments].concat()).ended(status);
+        assert!(refused.err.contains(said), "{}", refused.err);
+    }
+    let nowhere = esm(&["tune", "--turns", "1,1"]).ended(2);
+    assert!(
+        nowhere.err.contains("--write robot.toml"),
+        "{}",
+        nowhere.err
+    );
+    assert_eq!(fs::read_to_string(&path).unwrap(), with_base);
+}

@@ -58,6 +58,16 @@ struct Campaign {
 
 const CAMPAIGNS: &[Campaign] = &[
     Campaign {
+        name: "packages",
+        what: "each package that is published, built from what was packed (10 min)",
+        package: "esm-tests",
+        target: &["--test", "packages"],
+        tests: "all_that_is_published",
+        settings: &[("ESM_PUBLISH_VERIFY", "1")],
+        needs_firmware: false,
+        hogs: 0,
+    },
+    Campaign {
         name: "line",
         what: "a million attacks on the line of a robot with a key (10 min)",
         package: "esm-tests",

@@ -30,9 +30,6 @@ pub const BOUND_BIN: &str = "bench_bound";
 pub const EXAMPLE_FOLDER: &str = "examples/my_robot";
 /// See [`EXAMPLE_FOLDER`].
 pub const EXAMPLE_FIRMWARE_FOLDER: &str = "examples/my_robot/firmware";
-/// See [`EXAMPLE_FOLDER`].
-pub const EXAMPLE_BIN: &str = "my_robot";
-
 /// The profile of firmware that is to be run.
 pub const RELEASE: &str = "release";
 
@@ -153,8 +150,37 @@ fn build_on(
     build_in(root, folder, for_board, toolchain, RELEASE, bins, features)
 }
 
+/// The names of all boards.
+///
+/// # Errors
+/// [`Failure::File`]: their folder cannot be read.
+pub fn boards(root: &Path) -> Result<Vec<String>, Failure> {
+    let folder = root.join("boards");
+    let entries = std::fs::read_dir(&folder).map_err(|cause| Failure::File {
+        path: folder.clone(),
+        cause,
+    })?;
+    let boards = entries
+        .flatten()
+        .filter(|entry| entry.path().join("board.toml").is_file());
+    let names = boards.filter_map(|entry| entry.file_name().into_string().ok());
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    Ok(names)
+}
+
+/// Whether firmware is put onto the board: no emulator is all of it.
+///
+/// # Errors
+/// [`Failure::File`]: its file cannot be read.
+pub fn is_flashed(root: &Path, board: &str) -> Result<bool, Failure> {
+    let path = root.join("boards").join(board).join("board.toml");
+    let text = std::fs::read_to_string(&path).map_err(|cause| Failure::File { path, cause })?;
+    Ok(text.contains("\n[flashing]\n"))
+}
+
 /// The text between quotes behind `key = ` in a file of settings.
-fn quoted(text: &str, key: &str) -> Option<String> {
+pub fn quoted(text: &str, key: &str) -> Option<String> {
     let mut values = text.lines().filter_map(|line| line.split_once(" = "));
     let (_, value) = values.find(|(name, _)| *name == key)?;
     value.split('"').nth(1).map(str::to_owned)
@@ -223,12 +249,15 @@ pub fn build_with(
 /// # Errors
 /// [`Failure`]: what did not build.
 pub fn build_example(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>, Failure> {
-    let bins = [EXAMPLE_BIN.to_owned()];
-    build_robot(root, &root.join(EXAMPLE_FOLDER), toolchain, &bins)
+    build_robot(root, &root.join(EXAMPLE_FOLDER), toolchain, &[])
 }
 
-/// Builds the firmware of a robot outside the workspace, whose folder is like the example's;
-/// returns where each ELF file is.
+/// What a robot measures and which pin is what, in the robot's folder.
+const ROBOT_FILE: &str = "robot.toml";
+
+/// Builds the firmware of a robot outside the workspace, as `esm new robot` makes one; returns
+/// where each ELF file is. Its manifest names board and program. The robot's file, where there is
+/// one, goes beside the firmware, for the emulator.
 ///
 /// # Errors
 /// [`Failure`]: what did not build.
@@ -238,61 +267,35 @@ pub fn build_robot(
     toolchain: &Toolchain,
     bins: &[String],
 ) -> Result<Vec<PathBuf>, Failure> {
-    let file = robot.join(ROBOT_FILE);
-    if file.is_file() {
-        return build_of_file(root, robot, &file, toolchain, bins);
-    }
     let folder = robot.join("firmware");
-    if !folder.join("Cargo.toml").is_file() {
+    let manifest = folder.join("Cargo.toml");
+    let Ok(text) = std::fs::read_to_string(&manifest) else {
         return Err(Failure::Content {
             path: robot.to_owned(),
-            problem: "is no robot: it has no robot.toml, as examples/my_pico has, and no firmware/Cargo.toml, as examples/my_robot has",
-        });
-    }
-    let example = [EXAMPLE_BIN.to_owned()];
-    let bins = if bins.is_empty() { &example } else { bins };
-    build_in(
-        root,
-        &folder,
-        DEFAULT,
-        toolchain,
-        RELEASE,
-        bins,
-        Features::Default,
-    )
-}
-
-/// What a robot measures and which pin is what, in the folder of its firmware.
-const ROBOT_FILE: &str = "robot.toml";
-
-/// Builds the firmware of a robot whose file names its board. The file goes beside the firmware,
-/// for the emulator.
-fn build_of_file(
-    root: &Path,
-    folder: &Path,
-    file: &Path,
-    toolchain: &Toolchain,
-    bins: &[String],
-) -> Result<Vec<PathBuf>, Failure> {
-    let text = std::fs::read_to_string(file).map_err(|cause| Failure::File {
-        path: file.to_owned(),
-        cause,
-    })?;
-    let (Some(name), Some(board)) = (quoted(&text, "name"), quoted(&text, "board")) else {
-        return Err(Failure::Content {
-            path: file.to_owned(),
-            problem: "has no `name = \"…\"` or no `board = \"…\"`; `esm wiring` checks it",
+            problem: "is no robot with firmware: it has no firmware/Cargo.toml, as what `esm new robot` makes has",
         });
     };
-    let named = [name];
-    let bins = if bins.is_empty() { &named } else { bins };
-    let built = build_on(root, folder, &board, toolchain, bins)?;
-    for firmware in &built {
-        let beside = firmware.with_extension("toml");
-        std::fs::copy(file, &beside).map_err(|cause| Failure::File {
-            path: beside,
-            cause,
-        })?;
+    let section = |name: &str| text.split_once(name).map(|(_, section)| section);
+    let board = section("[package.metadata.esm]\n").and_then(|it| quoted(it, "board"));
+    let program = section("[[bin]]\n").and_then(|it| quoted(it, "name"));
+    let (Some(board), Some(program)) = (board, program) else {
+        return Err(Failure::Content {
+            path: manifest,
+            problem: "needs `[package.metadata.esm]` with `board = \"…\"`, and `[[bin]]` with `name = \"…\"`",
+        });
+    };
+    let program = [program];
+    let bins = if bins.is_empty() { &program } else { bins };
+    let built = build_on(root, &folder, &board, toolchain, bins)?;
+    let file = robot.join(ROBOT_FILE);
+    if file.is_file() {
+        for firmware in &built {
+            let beside = firmware.with_extension("toml");
+            std::fs::copy(&file, &beside).map_err(|cause| Failure::File {
+                path: beside,
+                cause,
+            })?;
+        }
     }
     Ok(built)
 }

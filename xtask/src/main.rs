@@ -1,5 +1,5 @@
 //! The project's own commands: `cargo xtask demo`, `test`, `bench`, `fuzz`, `firmware`, `size`,
-//! `setup`.
+//! `release`, `setup`.
 //!
 //! What needs the network, root or minutes is told before it is done. What cannot be done ends with
 //! the exact command that would. There are no dependencies, so that the first command on a fresh
@@ -17,6 +17,7 @@ mod missions;
 mod mutants;
 mod process;
 mod python;
+mod release;
 mod setup;
 mod size;
 mod tally;
@@ -46,6 +47,7 @@ Commands:
   size       Print flash and RAM of the firmware, part by part, and what missions take, and compare them with boards/BOARD/expected-size.txt
   mutants    Make small changes for the worse, those in tests/mutants, and see whether a test notices: each TARGET, or all of them
   form       Look for lines that are too wide, in .rs and .md files, as `test checks` does
+  release    Make the files of a release in target/release-files: packages, the command esm, firmware of each board (ELF, UF2), notes, sums
   setup      Find or install what the others need (emulator, compiler for the board, linker), and say what was done
 
 Options:
@@ -56,10 +58,13 @@ Options:
   --hardware                         firmware: build the default firmware of --board for a part of silicon, where it is another than the emulator's,
                                      to rover-hardware.elf
   --example                          firmware: build examples/my_robot instead
-  --robot <FOLDER>                   firmware: build the robot in FOLDER, a copy of examples/my_robot or my_pico; with --bin if its program has another name
+  --robot <FOLDER>                   firmware: build the robot in FOLDER, as `esm new robot` makes one, for its board
   --lean                             firmware: build the default firmware without its features, to rover-lean.elf
   --with <FEATURE>                   firmware: build the default firmware with a feature of its board that it lacks, to rover-FEATURE.elf
   --quick                            test: leave out what takes minutes (emulator, my_robot)
+  --out <DIR>                        release: where its files go, a folder that is not there, or is empty
+  --notes <PART>                     release: the part of CHANGELOG.md that its notes are, such as 0.1.0 [default: Unreleased, else that of the version]
+  --allow-dirty                      release: what is not committed is in it, too
   --minutes <N>                      fuzz: how long each target runs [default: 5]
   --write                            size: keep the sizes as the expected ones; form: keep today's wide lines as the allowed ones
   -h, --help                         This text
@@ -79,6 +84,9 @@ struct Options {
     quick: bool,
     write: bool,
     minutes: Option<u32>,
+    out: Option<PathBuf>,
+    notes: Option<String>,
+    allow_dirty: bool,
     targets: Vec<String>,
 }
 
@@ -138,6 +146,9 @@ fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Options, Failure
             "--with" => options.with = Some(value()?),
             "--quick" => options.quick = true,
             "--write" => options.write = true,
+            "--out" => options.out = Some(value()?.into()),
+            "--notes" => options.notes = Some(value()?),
+            "--allow-dirty" => options.allow_dirty = true,
             "--minutes" => {
                 let minutes = value()?;
                 let right = minutes.parse().ok().filter(|minutes| *minutes >= 1);
@@ -187,8 +198,8 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             }
             if options.board.is_some() && (names_robot || is_variant) {
                 return Err(Failure::Usage(
-                    "--example, --lean and --with are of the default board, and the file of a --robot names its \
-                     board: leave --board out"
+                    "--example, --lean and --with are of the default board, and a --robot names its own: \
+                     leave --board out"
                         .to_owned(),
                 ));
             }
@@ -244,6 +255,15 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
             },
         ),
         "mutants" => mutants::command(&root, &options.targets),
+        "release" => release::command(
+            &root,
+            choice,
+            release::Wanted {
+                out: options.out.as_deref(),
+                notes: options.notes.as_deref(),
+                allow_dirty: options.allow_dirty,
+            },
+        ),
         "form" => form::command(&root, options.write),
         "campaign" => campaign::command(&root, &options.targets, || setup::toolchain(choice)),
         "demo" => demo::command(&root, choice),

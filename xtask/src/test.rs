@@ -1,13 +1,12 @@
 //! `cargo xtask test`: every check, in parts; what fails does not keep the rest from running.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use crate::bench;
 use crate::demo;
 use crate::firmware::{
-    self, BOARD_FOLDER, BOUND_BIN, DEFAULT_BIN, EXAMPLE_BIN, EXAMPLE_FIRMWARE_FOLDER,
-    EXAMPLE_FOLDER, FAULTS_BIN,
+    self, BOARD_FOLDER, BOUND_BIN, DEFAULT_BIN, EXAMPLE_FIRMWARE_FOLDER, EXAMPLE_FOLDER, FAULTS_BIN,
 };
 use crate::form;
 use crate::fuzz;
@@ -19,7 +18,7 @@ use crate::size;
 use crate::tally::Tally;
 
 /// Tells the example's tests where its firmware is.
-const EXAMPLE_FIRMWARE_VARIABLE: &str = "ESM_MY_ROBOT_FIRMWARE";
+const EXAMPLE_FIRMWARE_VARIABLE: &str = "ESM_ROBOT_FIRMWARE";
 
 /// What the documentation must not have.
 const RUSTDOC_FLAGS: &str = "-D warnings -D rustdoc::broken_intra_doc_links";
@@ -149,7 +148,14 @@ fn builds(root: &Path, choice: Choice, tally: &mut Tally) {
 }
 
 /// Tests of the whole that run beside the others: about half of the time that all take.
-const BESIDE: [&str; 5] = ["faults", "hostile_host", "pico", "ports", "power_cuts"];
+const BESIDE: [&str; 6] = [
+    "faults",
+    "hostile_host",
+    "new_robot",
+    "pico",
+    "ports",
+    "power_cuts",
+];
 
 /// Where tests of the whole stand, below the checkout: a file, or a folder, each.
 const WHOLE_FOLDERS: [&str; 4] = [
@@ -267,18 +273,21 @@ const PINS_BIN: &str = "pins";
 
 /// The example of a robot with a file of its own, on that board.
 const FILE_EXAMPLE_FOLDER: &str = "examples/my_pico";
+/// See [`FILE_EXAMPLE_FOLDER`].
+const FILE_EXAMPLE_FIRMWARE_FOLDER: &str = "examples/my_pico/firmware";
 
 /// Crates without a lock file: they are built as parts of others.
-const UNLOCKED: [&str; 3] = ["esm", "boards/cortex_m", "boards/settings"];
+const UNLOCKED: [&str; 2] = ["esm", "boards/cortex_m"];
 
 /// What a board's firmware has the libraries do.
 const FIRMWARE_FEATURES: &str = "rt-firmware/all-tasks,rt-firmware/black-box,rt-firmware/defmt,rt-firmware/docs,\
      rt-firmware/keys,rt-firmware/news,rt-firmware/params,rt-firmware/record,rt-firmware/telemetry,rt-firmware/warm";
 
 /// The workspaces that have a lock file, but for the boards'.
-const LOCKED: [&str; 6] = [
+const LOCKED: [&str; 7] = [
     "",
     FILE_EXAMPLE_FOLDER,
+    FILE_EXAMPLE_FIRMWARE_FOLDER,
     EXAMPLE_FOLDER,
     EXAMPLE_FIRMWARE_FOLDER,
     fuzz::PACKAGE_FOLDER,
@@ -412,7 +421,7 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
     });
     if toolchain.has_clippy() && has_component("clippy") {
         tally.step("lints of the pico's firmware", || {
-            let folders = [CHIP_FOLDER, FILE_EXAMPLE_FOLDER];
+            let folders = [CHIP_FOLDER, FILE_EXAMPLE_FIRMWARE_FOLDER];
             (folders.iter()).try_for_each(|it| firmware::lint(root, &root.join(it), toolchain))
         });
     }
@@ -452,88 +461,34 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
     }
 }
 
-/// A robot of a user's own, outside the workspace: where it stands, and, as the book says it, in a
-/// copy elsewhere with one line changed. There its firmware is built, and its tests are run, which
-/// drive its mission on the host and in the emulator.
+/// The example of a robot outside the workspace, as `esm new robot` writes it: its firmware is
+/// built, and its tests are run, which drive its mission on the host and in the emulator.
 fn example_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
-    let target = root.join("target");
-    tally.step("my_robot: where it stands", || {
-        let mut cargo = cargo(&root.join(EXAMPLE_FOLDER));
-        process::run(cargo.args(["check", "--target-dir"]).arg(&target))
-    });
-    let mut copy = None;
-    tally.step("my_robot: a copy elsewhere, with one line changed", || {
-        copy = Some(Copy::of_the_example(root)?);
-        Ok(())
-    });
-    let Some(Copy(folder)) = &copy else { return };
     let mut firmware = None;
     tally.step("my_robot: firmware", || {
-        let bins = [EXAMPLE_BIN.to_owned()];
-        firmware = firmware::build_robot(root, folder, toolchain, &bins)?.pop();
+        firmware = firmware::build_example(root, toolchain)?.pop();
         Ok(())
     });
+    if has_component("clippy") {
+        tally.step("my_robot: lints", || {
+            let mut cargo = cargo(&root.join(EXAMPLE_FOLDER));
+            cargo.args(["clippy", "--quiet", "--all-targets", "--target-dir"]);
+            process::run(
+                cargo
+                    .arg(root.join("target"))
+                    .args(["--", "-D", "warnings"]),
+            )
+        });
+    }
     let environment = firmware.map(|file| (EXAMPLE_FIRMWARE_VARIABLE, file));
-    tally.tests(
-        "my_robot: tests",
-        folder,
-        &["--target-dir", &target.to_string_lossy()],
-        environment,
-    );
-}
-
-/// A copy of the example outside the checkout, for as long as it lives.
-struct Copy(PathBuf);
-
-impl Copy {
-    /// Copies the example, and lets the copy find the framework: the one line that names it is
-    /// changed.
-    fn of_the_example(root: &Path) -> Result<Self, Failure> {
-        let name = format!("esm-{EXAMPLE_BIN}-{}", std::process::id());
-        let copy = Copy(std::env::temp_dir().join(name));
-        copy_folder(&root.join(EXAMPLE_FOLDER), &copy.0)?;
-        let manifest = copy.0.join("Cargo.toml");
-        let of_file = |cause| Failure::File {
-            path: manifest.clone(),
-            cause,
-        };
-        let text = std::fs::read_to_string(&manifest).map_err(of_file)?;
-        let line = "esm = { path = \"../../esm\" }\n";
-        let changed = format!("esm = {{ path = {:?} }}\n", root.join("esm"));
-        if text.matches("../../").count() != 1 || !text.contains(line) {
-            return Err(Failure::Content {
-                path: manifest,
-                problem: "must name the framework in one line, as the book shows it",
-            });
-        }
-        std::fs::write(&manifest, text.replace(line, &changed)).map_err(of_file)?;
-        Ok(copy)
+    for example in [EXAMPLE_FOLDER, FILE_EXAMPLE_FOLDER] {
+        tally.tests(
+            &format!("{example}: tests"),
+            &root.join(example),
+            &["--target-dir", &root.join("target").to_string_lossy()],
+            environment.clone(),
+        );
     }
-}
-
-impl Drop for Copy {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
-/// Copies a folder with all that is in it, but for what was built.
-fn copy_folder(from: &Path, to: &Path) -> Result<(), Failure> {
-    let of = |path: &Path| {
-        let path = path.to_owned();
-        move |cause| Failure::File { path, cause }
-    };
-    process::make_folder(to)?;
-    for entry in std::fs::read_dir(from).map_err(of(from))? {
-        let entry = entry.map_err(of(from))?;
-        let (path, copy) = (entry.path(), to.join(entry.file_name()));
-        if !path.is_dir() {
-            std::fs::copy(&path, copy).map_err(of(&path))?;
-        } else if entry.file_name() != "target" {
-            copy_folder(&path, &copy)?;
-        }
-    }
-    Ok(())
 }
 
 /// The compiler for firmware; a step that failed if there is none.

@@ -4,8 +4,9 @@
 /// Makes the firmware of a robot: `main`, the interrupt handlers, and the memory of all of it.
 ///
 /// `wiring` is a constant: which pin is what, as the robot's file says it. `robot` is the
-/// registry's type, with the function that builds it from the rover's parts on this board;
-/// `firmware` is the name and version that the robot tells of itself, in at most 40 bytes.
+/// registry's type, with the function that builds it from the board's
+/// [`RobotParts`](rt_firmware::robot_parts::RobotParts); `firmware` is the name and version that
+/// the robot tells of itself, in at most 40 bytes.
 ///
 /// `default_mission` are the bytes of a mission that `esm build` has made: what the robot does if
 /// its flash has no mission that may run. Without it, it does nothing then.
@@ -28,10 +29,11 @@ macro_rules! app {
             use $crate::flash::{self, StoreMemory};
             use $crate::heapless::spsc::Queue;
             use $crate::line::{self, Line, LinkEnd, RECEIVE_BYTES, TRANSMIT_BYTES};
-            use $crate::pins::{BoardRoverParts, StopPin};
+            use $crate::pins::StopPin;
             use $crate::rp2040_hal::pac::Interrupt;
             use $crate::rp2040_hal::usb::UsbBus;
             use $crate::rp2040_hal::vector_table::VectorTable;
+            use $crate::rt_firmware::robot_parts::RobotParts;
             use $crate::rt_firmware::{
                 About, AnyTaskPool, Background, Limits, LinkSide, Mailbox, RealTime, WithStopButton,
                 split,
@@ -81,8 +83,10 @@ macro_rules! app {
                 let start = $crate::start(cx.local.vectors, cx.local.usb_bus, &$wiring);
                 let parts = start.parts;
                 let robot = $crate::put(cx.local.robot, || {
-                    let make: fn(BoardRoverParts<{ $wiring.sonars.len() }>) -> $robot = $make;
-                    make(parts.rover)
+                    type Given =
+                        RobotParts<$crate::pins::BoardParts, { $wiring.sonars.len() }>;
+                    let make: fn(Given) -> $robot = $make;
+                    make(parts.robot)
                 });
                 let banks = cx.local.banks.write(robot.banks());
                 let about = About {

@@ -6,7 +6,7 @@ use esm_link::message::ResetReason;
 use rp2040_hal::pac::{VREG_AND_CHIP_RESET, WATCHDOG};
 use rt_firmware::retained_ram::CrashCause;
 
-use crate::motors;
+use crate::{motors, outputs};
 
 /// Why the firmware starts. To be called once, at the start.
 pub fn take(chip: &VREG_AND_CHIP_RESET, watchdog: &WATCHDOG) -> ResetReason {
@@ -30,7 +30,10 @@ pub fn take(chip: &VREG_AND_CHIP_RESET, watchdog: &WATCHDOG) -> ResetReason {
 
 /// Ends the firmware: motors off, the reason kept, reset. From any context.
 pub fn end(cause: &CrashCause<'_>) -> ! {
-    crash::end(cause, motors::all_off)
+    crash::end(cause, || {
+        motors::all_off();
+        outputs::all_off();
+    })
 }
 
 cortex_m_board::crash_handlers!(end);

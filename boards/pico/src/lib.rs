@@ -49,6 +49,7 @@ pub use cortex_m_board::no_flash as flash;
 mod free_pins;
 pub mod line;
 pub mod motors;
+pub mod outputs;
 pub mod pins;
 pub mod slots;
 pub mod sonars;

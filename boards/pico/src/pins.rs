@@ -10,29 +10,35 @@ use rp2040_hal::gpio::{
 };
 use rp2040_hal::pac::{ADC, PIO0, PIO1, PWM, RESETS, UART0};
 use rp2040_hal::pio::{SM0, SM1};
+use rt_firmware::robot_parts::{PartTypes, PartsOf, RobotParts};
 use rt_firmware::rover::{ExtraParts, NoExtras, Rover, RoverParts};
 
 use crate::analog::{self, Input};
 use crate::encoders::{self, Counter};
 use crate::free_pins::{FreePins, take};
 use crate::motors::{self, Direction, Power};
+use crate::outputs::Output;
 use crate::sonars::{self, Echo, Trigger};
 use crate::uart::Uart0;
 use crate::wiring::{Button, Wiring};
 
+/// The types of this board's parts.
+#[derive(Clone, Copy)]
+pub struct BoardParts;
+
+impl PartTypes for BoardParts {
+    type Pwm = Power;
+    type Direction = Direction;
+    type LeftEncoder = Counter<SM0>;
+    type RightEncoder = Counter<SM1>;
+    type Trigger = Trigger;
+    type EchoTimer = Echo;
+    type Analog = Input;
+    type Output = Output;
+}
+
 /// The rover's parts on this board.
-pub type BoardRoverParts<const SONARS: usize> = RoverParts<
-    Power,
-    Direction,
-    Power,
-    Direction,
-    Counter<SM0>,
-    Counter<SM1>,
-    Trigger,
-    Echo,
-    Input,
-    SONARS,
->;
+pub type BoardRoverParts<const SONARS: usize> = PartsOf<BoardParts, SONARS>;
 
 /// The rover on this board.
 pub type BoardRover<const SONARS: usize> = Rover<
@@ -63,8 +69,8 @@ pub type Led = Pin<gpio::bank0::Gpio25, FunctionSioOutput, PullNone>;
 
 /// What is connected to the board's pins.
 pub struct Parts<const SONARS: usize> {
-    /// Of the rover.
-    pub rover: BoardRoverParts<SONARS>,
+    /// Of the robot: those of the rover, and outputs for drivers of its own.
+    pub robot: RobotParts<BoardParts, SONARS>,
     /// The button of the emergency stop.
     pub stop_button: StopPin,
     /// The serial line on pins.
@@ -108,19 +114,22 @@ impl Blocks {
             sonars::start(&wiring.sonars, &mut free, self.pio1, resets);
         analog::start(self.adc, resets);
         let parts = Parts {
-            rover: RoverParts {
-                left_pwm,
-                left_direction,
-                right_pwm,
-                right_direction,
-                left_encoder,
-                right_encoder,
-                sonar_triggers,
-                echo_timers,
-                array: None,
-                battery: Input::new(Some(wiring.battery), &mut free),
-                line_sensors: wiring.floor.map(|pin| Input::new(pin, &mut free)),
-                extras: ExtraParts::NONE,
+            robot: RobotParts {
+                rover: RoverParts {
+                    left_pwm,
+                    left_direction,
+                    right_pwm,
+                    right_direction,
+                    left_encoder,
+                    right_encoder,
+                    sonar_triggers,
+                    echo_timers,
+                    array: None,
+                    battery: Input::new(Some(wiring.battery), &mut free),
+                    line_sensors: wiring.floor.map(|pin| Input::new(pin, &mut free)),
+                    extras: ExtraParts::NONE,
+                },
+                outputs: wiring.outputs.map(|pin| Output::new(pin, &mut free)),
             },
             stop_button: StopPin::new(wiring.stop_button, &mut free),
             uart: Uart0::new(self.uart0, peripheral_hz, resets),

@@ -7,7 +7,7 @@ use rt_firmware::{ActivationStart, Board};
 
 use crate::clock::{self, TICKS_PER_US};
 use crate::pins::Led;
-use crate::{motors, watchdog};
+use crate::{motors, outputs, watchdog};
 
 /// Time, motors, LED and watchdog for the slot timer's handler.
 pub struct SlotBoard {
@@ -51,6 +51,7 @@ impl Board for SlotBoard {
 
     fn motors_off(&mut self) {
         motors::all_off();
+        outputs::all_off();
         let Ok(()) = self.led.set_low();
     }
 }

@@ -2,6 +2,8 @@
 //! the constants of it (`robot_file::build`), which has been checked then. Pins are the numbers of
 //! the chip, `GP0` is 0.
 
+use rt_firmware::body::AUX_OUTPUTS;
+
 /// A robot's parts and their pins.
 #[derive(Clone, Copy, Debug)]
 pub struct Wiring<const SONARS: usize> {
@@ -17,6 +19,8 @@ pub struct Wiring<const SONARS: usize> {
     pub floor: [Option<u8>; 3],
     /// The button of the emergency stop.
     pub stop_button: Button,
+    /// Outputs for the robot's own drivers, where they are.
+    pub outputs: [Option<u8>; AUX_OUTPUTS],
 }
 
 /// A motor and its encoder.

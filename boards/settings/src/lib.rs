@@ -1,9 +1,24 @@
-//! For build scripts: the numbers of `board.toml` as constants, and where each `board.toml` is.
+//! For build scripts: what the folder of each board says of it, and the numbers of a `board.toml`
+//! as constants.
 
 use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
+
+/// What the folder of a board says of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BoardFiles {
+    /// The folder's name, which is the board's.
+    pub name: &'static str,
+    /// Its `board.toml`.
+    pub settings: &'static str,
+    /// Its `costs.txt`, where it has one.
+    pub costs: Option<&'static str>,
+}
+
+/// All boards, by their names.
+pub const BOARDS: &[BoardFiles] = &include!(concat!(env!("OUT_DIR"), "/boards.rs"));
 
 /// Keys of `board.toml` that a board's code is built with, and the types of their constants.
 const SETTINGS: [(&str, &str); 8] = [
@@ -56,22 +71,6 @@ pub fn write() {
     .expect("OUT_DIR can be written to");
 }
 
-/// The `board.toml` of each board in a folder, in order; cargo is told to look at them. The folder
-/// is relative to the package, so that a build that was moved with its checkout does not look at
-/// the old place.
-pub fn board_files(boards: &Path) -> Vec<PathBuf> {
-    let entries = fs::read_dir(boards).expect("the boards stand in the checkout");
-    let mut files: Vec<PathBuf> = entries
-        .filter_map(|entry| Some(entry.ok()?.path().join("board.toml")))
-        .filter(|file| file.is_file())
-        .collect();
-    files.sort();
-    for file in &files {
-        println!("cargo:rerun-if-changed={}", file.display());
-    }
-    files
-}
-
 /// Puts a linker script where the linker looks for it. `from` is relative to the package, so that a
 /// build that was moved with its checkout does not look at the old place.
 pub fn linker_script(from: &str) {
@@ -114,4 +113,45 @@ fn constants(board: &Path, is_lean: bool) -> String {
         );
     }
     constants
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
+
+    use super::*;
+
+    /// A package that was published has no boards around it.
+    #[test]
+    fn the_copies_that_are_packaged_are_the_boards_files() {
+        let is_blessed = env::var_os("ESM_BLESS").is_some();
+        let packaged = Path::new("packaged");
+        let names = |folder: &str| {
+            let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+            let boards = entries.filter(|entry| entry.path().join("board.toml").is_file());
+            let mut names: Vec<String> = boards
+                .map(|entry| entry.file_name().into_string().unwrap())
+                .collect();
+            names.sort();
+            names
+        };
+        if is_blessed {
+            let _ = fs::remove_dir_all(packaged);
+            for board in BOARDS {
+                let folder = packaged.join(board.name);
+                fs::create_dir_all(&folder).unwrap();
+                fs::write(folder.join("board.toml"), board.settings).unwrap();
+                if let Some(costs) = board.costs {
+                    fs::write(folder.join("costs.txt"), costs).unwrap();
+                }
+            }
+        }
+        let how = "`ESM_BLESS=1 cargo test -p board-settings` copies them";
+        assert_eq!(names("packaged"), names(".."), "{how}");
+        for board in BOARDS {
+            let read = |name| fs::read_to_string(packaged.join(board.name).join(name)).ok();
+            assert_eq!(read("board.toml").as_deref(), Some(board.settings), "{how}");
+            assert_eq!(read("costs.txt").as_deref(), board.costs, "{how}");
+        }
+    }
 }

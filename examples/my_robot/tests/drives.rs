@@ -1,28 +1,36 @@
-//! The whole robot drives its mission: on the host board, and, where `ESM_MY_ROBOT_FIRMWARE` names
-//! its ELF file, in the emulator, with the same trace.
+//! The whole robot drives its mission on the host board. Where `ESM_ROBOT_FIRMWARE` names
+//! its ELF file, it drives in the emulator, too, with the same trace.
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Output};
 
-/// Runs the mission on a board; returns its trace.
+/// Where cargo says that the program is.
+const PROGRAM: &str = "CARGO_BIN_EXE_my_robot";
+
+/// Runs the robot's program in the robot's folder.
+fn robot(arguments: &[&str]) -> Output {
+    let program = std::env::var_os(PROGRAM).expect("cargo says where it is");
+    let mut robot = Command::new(program);
+    robot.args(arguments).output().expect("the program starts")
+}
+
+/// What the program prints where all is well.
+fn printed(arguments: &[&str]) -> String {
+    let output = robot(arguments);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {said}");
+    String::from_utf8(output.stdout).expect("it prints text")
+}
+
+/// Drives the mission on a board; returns its trace.
 fn trace_of_a_run(board: &[&str], folder: &Path) -> String {
     let trace = folder.join("trace.jsonl");
-    let output =
-        Command::new(std::env::var_os("CARGO_BIN_EXE_my_robot").expect("cargo says where it is"))
-            .args(["run", "mission.esm"])
-            .args(["--until", "30 s", "--trace"])
-            .arg(&trace)
-            .args(board)
-            .output()
-            .expect("the program starts");
-    assert!(
-        output.status.success(),
-        "{board:?}: {}{}",
-        String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr)
-    );
-    fs::read_to_string(trace).expect("the run has left a trace")
+    let file = trace.to_str().expect("a path of letters");
+    let run = ["run", "mission.esm", "--world", "room.world"];
+    let until = ["--until", "30 s", "--trace", file];
+    printed(&[&run, &until, board].concat());
+    fs::read_to_string(&trace).expect("the run has left a trace")
 }
 
 #[test]
@@ -37,8 +45,9 @@ fn it_drives_its_mission_and_lights_its_lamp_on_every_board() {
     ] {
         assert!(on_host.contains(transition), "never taken: {transition}");
     }
-    if let Ok(firmware) = std::env::var("ESM_MY_ROBOT_FIRMWARE") {
-        let in_emulator = trace_of_a_run(&["--firmware", &firmware], folder.path());
+    if let Ok(firmware) = std::env::var("ESM_ROBOT_FIRMWARE") {
+        let board = ["--board", "lm3s6965", "--firmware", &firmware];
+        let in_emulator = trace_of_a_run(&board, folder.path());
         let differing = on_host
             .lines()
             .zip(in_emulator.lines())
@@ -49,12 +58,14 @@ fn it_drives_its_mission_and_lights_its_lamp_on_every_board() {
 }
 
 #[test]
+fn all_scenarios_hold() {
+    let told = robot(&["test", "."]);
+    let text = String::from_utf8_lossy(&told.stdout);
+    assert!(told.status.success(), "{text}");
+}
+
+#[test]
 fn the_declarations_that_the_mission_uses_are_those_of_the_firmware() {
-    let output =
-        Command::new(std::env::var_os("CARGO_BIN_EXE_my_robot").expect("cargo says where it is"))
-            .args(["tasks", "--board", "host"])
-            .output()
-            .expect("the program starts");
     let kept = include_str!("../tasks.esm");
     let declared = |text: &str| {
         let lines = text.lines().filter(|line| !line.starts_with("//"));
@@ -62,7 +73,7 @@ fn the_declarations_that_the_mission_uses_are_those_of_the_firmware() {
     };
     assert_eq!(
         declared(kept),
-        declared(&String::from_utf8_lossy(&output.stdout)),
+        declared(&printed(&["tasks", "--board", "host"])),
         "update tasks.esm: cargo run -- tasks --board host -o tasks.esm"
     );
 }

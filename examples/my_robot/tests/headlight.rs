@@ -3,6 +3,7 @@
 use esm::rt_firmware::TaskBench;
 use esm::rt_firmware::body::{AuxOutput, PinImage};
 use esm::rt_firmware::tasks::Ranges;
+
 use my_robot::headlight::Headlight;
 use my_robot::lamp::Lamp;
 

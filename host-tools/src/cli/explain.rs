@@ -69,7 +69,7 @@ fn page(code: Code) -> &'static str {
     macro_rules! pages {
         ($($code:ident)*) => {
             match code {
-                $(Code::$code => include_str!(concat!("../../../docs/src/codes/", stringify!($code), ".md")),)*
+                $(Code::$code => include_str!(concat!("../../shipped/codes/", stringify!($code), ".md")),)*
             }
         };
     }

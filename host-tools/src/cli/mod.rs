@@ -15,6 +15,7 @@
 //! | [`seeds`] | seeds of many runs |
 //! | [`stage`] | board, world and mission, for the commands that set up a robot |
 //! | [`robot`] | a robot at the other end of a line, for the commands that talk to one |
+//! | [`robot_toml`] | numbers of a robot's file, changed where they stand |
 //! | [`terminal`] | the screen of a terminal, for the commands that take it |
 
 pub mod argument;
@@ -45,6 +46,7 @@ pub mod key;
 pub mod log;
 pub mod lsp;
 pub mod mission;
+pub mod new;
 pub mod odometry;
 mod own_drive;
 pub mod param;
@@ -55,6 +57,7 @@ pub mod record;
 pub mod recorder;
 pub mod replay;
 pub mod robot;
+pub mod robot_toml;
 pub mod run;
 pub mod schedule;
 pub mod script;
@@ -137,6 +140,7 @@ pub enum Command {
     Ports(ports::PortsArgs),
     Flash(flash::FlashArgs),
     Wiring(wiring::WiringArgs),
+    New(new::NewArgs),
     Replay(replay::ReplayArgs),
     Odometry(odometry::OdometryArgs),
     Tune(tune::TuneArgs),
@@ -237,6 +241,7 @@ pub fn execute(
         Command::Ports(args) => ports::execute(args, console),
         Command::Flash(args) => flash::execute(args, console),
         Command::Wiring(args) => wiring::execute(args, console),
+        Command::New(args) => new::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
         Command::Odometry(args) => odometry::execute(args, console),
         Command::Tune(args) => tune::execute(args, robot, console),

@@ -22,7 +22,7 @@ use crate::run::mission::Mission;
 use crate::world::World;
 
 /// The tasks that such missions take in, as `rover.esm`.
-pub const ROVER: &str = include_str!("../../../missions/rover.esm");
+pub const ROVER: &str = include_str!("../../shipped/missions/rover.esm");
 
 /// A mission of this text, which is called `name` in messages.
 ///

@@ -35,39 +35,39 @@ use crate::world::{World, WorldError};
 const SHIPPED_WORLDS: [(&str, &str); 9] = [
     (
         "office",
-        include_str!("../../../missions/worlds/office.world"),
+        include_str!("../../shipped/missions/worlds/office.world"),
     ),
     (
         "corridor",
-        include_str!("../../../missions/worlds/corridor.world"),
+        include_str!("../../shipped/missions/worlds/corridor.world"),
     ),
     (
         "track",
-        include_str!("../../../missions/worlds/track.world"),
+        include_str!("../../shipped/missions/worlds/track.world"),
     ),
     (
         "empty",
-        include_str!("../../../missions/worlds/empty.world"),
+        include_str!("../../shipped/missions/worlds/empty.world"),
     ),
     (
         "visitors",
-        include_str!("../../../missions/worlds/visitors.world"),
+        include_str!("../../shipped/missions/worlds/visitors.world"),
     ),
     (
         "office_floor",
-        include_str!("../../../missions/worlds/office_floor.world"),
+        include_str!("../../shipped/missions/worlds/office_floor.world"),
     ),
     (
         "low_boxes",
-        include_str!("../../../missions/worlds/low_boxes.world"),
+        include_str!("../../shipped/missions/worlds/low_boxes.world"),
     ),
     (
         "shut_doors",
-        include_str!("../../../missions/worlds/shut_doors.world"),
+        include_str!("../../shipped/missions/worlds/shut_doors.world"),
     ),
     (
         "cluttered",
-        include_str!("../../../missions/worlds/cluttered.world"),
+        include_str!("../../shipped/missions/worlds/cluttered.world"),
     ),
 ];
 

@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use super::console::Console;
 use super::exit::CommandError;
+use super::robot_toml::RobotToml;
 use super::{argument, file};
 use crate::clean::counted;
 use crate::host_board::RobotMaker;
@@ -32,6 +33,7 @@ start, subtract the place that it tells from the one that you have measured.
 
 Examples:
   esm umbmark squares.csv --side-mm 1000 --base-mm 160
+  esm umbmark squares.csv --side-mm 1000 --base-mm 160 --write robot.toml
   esm umbmark run -o squares.csv
   esm umbmark --cw -12,-20 --cw -15,-18 --ccw -4,9 --ccw -6,8 --side-mm 1000 --base-mm 160 --json
 
@@ -65,6 +67,10 @@ pub struct UmbmarkArgs {
     /// Distance between the wheels that the odometry worked with, in millimetres
     #[arg(long, value_name = "B", value_parser = argument::measure, allow_negative_numbers = true, required = true)]
     pub base_mm: Option<f64>,
+
+    /// A robot's file (.toml) that the wheel base goes into
+    #[arg(long, value_name = "ROBOT.toml")]
+    pub write: Option<PathBuf>,
 
     /// One JSON object, for programs
     #[arg(long)]
@@ -150,6 +156,8 @@ pub fn execute(
     robot: RobotMaker,
     console: &mut Console,
 ) -> Result<(), CommandError> {
+    // Before anything is worked out.
+    let robot_toml = args.write.as_deref().map(RobotToml::read).transpose()?;
     let (found, base_mm, json) = match (&args.action, args.side_mm, args.base_mm) {
         (Some(Action::Run(run)), _, _) => (
             run::evaluated(run, robot, console)?,
@@ -166,10 +174,20 @@ pub fn execute(
         }
     };
     let answer = Answer::of(&found);
-    if json {
-        return console.json_line(&answer);
+    match json {
+        true => console.json_line(&answer)?,
+        false => tell(base_mm, &answer, console)?,
     }
-    tell(base_mm, &answer, console)
+    if let Some(robot) = &robot_toml {
+        // A tenth of a millimetre: more than squares say.
+        let base_m = libm::round(answer.base_mm * 10.0) / 10_000.0;
+        robot.write_wheels(&[("base_m", base_m)])?;
+        console.note(&format!(
+            "{}: base_m = {base_m}; it holds in the firmware that is built from it next",
+            robot.path().display()
+        ));
+    }
+    Ok(())
 }
 
 /// What squares say that were driven before.

@@ -66,7 +66,7 @@ fn main() -> ! {
     static mut VECTORS: VectorTable = VectorTable::new();
     static mut USB_BUS: MaybeUninit<UsbBusAllocator<UsbBus>> = MaybeUninit::uninit();
     let parts = pico::start(VECTORS, USB_BUS, &robot::WIRING).parts;
-    let (mut robot, mut uart) = (parts.rover, parts.uart);
+    let (mut robot, mut uart) = (parts.robot.rover, parts.uart);
     loop {
         match byte(&mut uart) {
             b'd' => {

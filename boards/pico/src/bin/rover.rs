@@ -13,6 +13,6 @@ use robot::{MEASURES, Robot, WIRING};
 pico::app! {
     firmware: concat!("rover ", env!("CARGO_PKG_VERSION")),
     wiring: WIRING,
-    robot: Robot = |parts| Robot::new(parts, &MEASURES),
+    robot: Robot = |parts| Robot::new(parts.rover, &MEASURES),
     default_mission: include_bytes!("../../../stand_by.blob"),
 }

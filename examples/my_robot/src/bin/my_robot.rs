@@ -4,8 +4,13 @@
 use std::process::ExitCode;
 
 use esm::host_tools;
+
 use my_robot::MyRobot;
 
 fn main() -> ExitCode {
-    host_tools::cli::main_with(|parts, run| run(&mut MyRobot::new(parts).banks()))
+    host_tools::cli::main_with(|parts, run| {
+        let measures = &my_robot::MEASURES;
+        let mut robot = MyRobot::new(parts.into(), measures);
+        run(&mut robot.banks())
+    })
 }

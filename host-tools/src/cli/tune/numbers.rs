@@ -22,11 +22,16 @@ pub fn values_of(gains: &Gains) -> [(&'static str, String); 2] {
 
 /// A number to three digits: more than a drive says.
 pub fn rounded(value: f64) -> f64 {
+    to_digits(value, 3)
+}
+
+/// A number to so many digits.
+pub fn to_digits(value: f64, digits: i32) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return 0.0;
     }
-    let digits = 2 - libm::floor(libm::log10(libm::fabs(value))) as i32;
-    let scale = libm::pow(10.0, f64::from(digits));
+    let behind = digits - 1 - libm::floor(libm::log10(libm::fabs(value))) as i32;
+    let scale = libm::pow(10.0, f64::from(behind));
     libm::round(value * scale) / scale
 }
 

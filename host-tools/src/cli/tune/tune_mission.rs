@@ -11,7 +11,7 @@ use crate::tune::Gains;
 /// What it is called in messages.
 pub const NAME: &str = "tune.esm";
 /// Its text.
-pub const MISSION: &str = include_str!("../../../../missions/tune.esm");
+pub const MISSION: &str = include_str!("../../../shipped/missions/tune.esm");
 
 /// The mission with these gains.
 pub fn mission_with(gains: &Gains) -> Result<String, CommandError> {

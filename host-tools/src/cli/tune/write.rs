@@ -3,25 +3,20 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
-use toml_edit::{DocumentMut, value};
 
 use super::found::Found;
 use super::numbers::{TASK, rounded, values_of};
 use crate::clean::counted;
 use crate::cli::exit::CommandError;
+use crate::cli::robot_toml::RobotToml;
 use crate::cli::{file, mission};
 use crate::lang::Checked;
 
 /// A file that the result goes into.
 #[derive(Debug)]
 pub enum Target {
-    /// A robot's file, which has been read, and holds.
-    Robot {
-        /// Where it is.
-        path: PathBuf,
-        /// What it says.
-        document: Box<DocumentMut>,
-    },
+    /// A robot's file.
+    Robot(RobotToml),
     /// A mission without errors.
     Mission {
         /// Where it is.
@@ -59,15 +54,7 @@ impl Target {
             };
         }
         if ends_in(path, "toml") {
-            let text = file::read_text(path, "robot's file")?;
-            robot_file::read(path).map_err(|error| CommandError::Input(error.into()))?;
-            let document: DocumentMut = text
-                .parse()
-                .map_err(|error| CommandError::Input(anyhow!("{}: {error}", path.display())))?;
-            return Ok(Target::Robot {
-                path: path.to_owned(),
-                document: Box::new(document),
-            });
+            return RobotToml::read(path).map(Target::Robot);
         }
         Err(CommandError::Usage(anyhow!(
             "`--write {}`: give a robot's file, which ends in .toml, or a mission, which ends in .esm",
@@ -78,7 +65,8 @@ impl Target {
     /// Where it is.
     pub fn path(&self) -> &Path {
         match self {
-            Target::Robot { path, .. } | Target::Mission { path, .. } => path,
+            Target::Robot(file) => file.path(),
+            Target::Mission { path, .. } => path,
         }
     }
 
@@ -88,29 +76,15 @@ impl Target {
     /// If it cannot be written.
     pub fn write(&self, found: &Found) -> Result<String, CommandError> {
         match self {
-            Target::Robot { path, document } => {
-                let mut document = document.clone();
+            Target::Robot(file) => {
                 let (full_speed_m_per_s, friction_power) = found.feed_forward();
-                for (key, number) in [
-                    ("full_speed_m_per_s", full_speed_m_per_s),
-                    ("friction_power", friction_power),
-                ] {
-                    let place = document
-                        .get_mut("wheels")
-                        .and_then(|wheels| wheels.get_mut(key));
-                    // A robot's file that holds has both.
-                    if let Some(item) = place {
-                        let decor = item.as_value().map(|value| value.decor().clone());
-                        *item = value(rounded(number));
-                        if let (Some(decor), Some(new)) = (decor, item.as_value_mut()) {
-                            *new.decor_mut() = decor;
-                        }
-                    }
-                }
-                file::write_whole(path, document.to_string().as_bytes(), "robot's file")?;
+                file.write_wheels(&[
+                    ("full_speed_m_per_s", rounded(full_speed_m_per_s)),
+                    ("friction_power", rounded(friction_power)),
+                ])?;
                 Ok(format!(
                     "{}: full speed and friction; they hold in the firmware that is built from it next",
-                    path.display()
+                    file.path().display()
                 ))
             }
             Target::Mission { path, checked } => {
