@@ -61,6 +61,9 @@ use cortex_m_board::{crash, stack};
 
 use slots::SlotBoard;
 
+#[cfg(feature = "emulation")]
+pub use cortex_m_board::plant_board::PINS;
+
 #[doc(hidden)]
 pub use stm32f4::stm32f405 as pac;
 #[doc(hidden)]

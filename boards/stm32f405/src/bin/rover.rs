@@ -9,7 +9,7 @@ use rt_firmware::rover::Measures;
 mod emulated {
     use rt_firmware::body::StopPin;
     use rt_firmware::rover::{PinRover, RoverParts};
-    use stm32f405::cortex_m_board::plant_board::PINS;
+    use stm32f405::PINS;
 
     use super::Measures;
 
