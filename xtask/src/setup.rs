@@ -133,6 +133,7 @@ impl Toolchain {
                     .env("CARGO_TARGET_THUMBV6M_NONE_EABI_LINKER", linker)
                     .env("CARGO_TARGET_THUMBV7M_NONE_EABI_LINKER", linker)
                     .env("CARGO_TARGET_THUMBV7EM_NONE_EABI_LINKER", linker)
+                    .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker)
                     .env_remove("RUSTUP_TOOLCHAIN")
                     .env_remove("CARGO");
             }
