@@ -336,18 +336,6 @@ pub fn has_hardware(root: &Path, board: &str) -> bool {
     text.is_ok_and(|text| quoted_in(&text, "hardware", "features").is_some())
 }
 
-/// The names of all boards that have a firmware of their own, in order.
-pub fn boards(root: &Path) -> Vec<String> {
-    let folders = std::fs::read_dir(root.join("boards")).into_iter().flatten();
-    let mut names: Vec<String> = folders
-        .flatten()
-        .filter(|folder| folder.path().join("board.toml").is_file())
-        .filter_map(|folder| folder.file_name().into_string().ok())
-        .collect();
-    names.sort();
-    names
-}
-
 /// Which features of the board's a firmware is built with.
 #[derive(Clone, Copy)]
 enum Features<'a> {

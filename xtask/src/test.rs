@@ -294,23 +294,28 @@ const LOCKED: [&str; 7] = [
     bench::MACHINES_FOLDER,
 ];
 
-/// The workspaces that have a lock file: [`LOCKED`], and each board.
-fn locked(root: &Path) -> Vec<String> {
-    let boards = firmware::boards(root).into_iter();
-    let boards = boards.map(|board| format!("boards/{board}"));
-    LOCKED
-        .into_iter()
-        .map(str::to_owned)
-        .chain(boards)
-        .collect()
+/// The boards that there are.
+fn boards(root: &Path, tally: &mut Tally) -> Vec<String> {
+    let mut boards = Vec::new();
+    tally.step("folders of the boards", || {
+        boards = firmware::boards(root)?;
+        Ok(())
+    });
+    boards
 }
 
 /// What needs no firmware: form, lints, documentation, and whether the tests notice mutants.
 fn checks(root: &Path, tally: &mut Tally) {
     tally.step("lines that are too wide", || form::command(root, false));
+    let folders = boards(root, tally)
+        .into_iter()
+        .map(|it| format!("boards/{it}"));
+    let locked: Vec<String> = (LOCKED.into_iter().map(str::to_owned))
+        .chain(folders)
+        .collect();
     tally.step("lock files name what is built", || {
         // What a user builds is what was tested, and a build leaves the checkout as it was.
-        locked(root).iter().try_for_each(|folder| {
+        locked.iter().try_for_each(|folder| {
             let arguments = ["update", "--workspace", "--locked", "--quiet"];
             process::run(cargo(&root.join(folder)).args(arguments))
         })
@@ -319,7 +324,7 @@ fn checks(root: &Path, tally: &mut Tally) {
     let clippy = has_component("clippy");
     if rustfmt {
         let unlocked = UNLOCKED.map(str::to_owned);
-        for folder in locked(root).into_iter().chain(unlocked) {
+        for folder in locked.into_iter().chain(unlocked) {
             let name = format!(
                 "formatting of {}",
                 if folder.is_empty() {
@@ -425,7 +430,7 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
             (folders.iter()).try_for_each(|it| firmware::lint(root, &root.join(it), toolchain))
         });
     }
-    for board in firmware::boards(root) {
+    for board in boards(root, tally) {
         if board == firmware::DEFAULT_BOARD || !firmware::is_of_qemu(root, &board) {
             continue;
         }
