@@ -9,11 +9,11 @@
 pub mod cli;
 
 pub use esm_client::{
-    behaviour_words, bench, black_box, files, flashing, host_board, keys, link_client, lockstep,
+    bench, black_box, files, flashing, host_board, keys, link_client, lockstep,
     nearby, ports, qemu, reading, run, serial, time, trial, values,
 };
 pub use esm_toolkit::{
-    boards, bound, clean, compile, counters, diagram, fit, goal, inspect, language_server, model,
+    behaviour_words, boards, bound, clean, compile, counters, diagram, fit, goal, inspect, language_server, model,
     nearest, odometry, parameters, pictures, schedule, script, sim, task_page, timetable, trace,
     trace_events, tune, world,
 };
