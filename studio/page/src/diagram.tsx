@@ -17,7 +17,7 @@ export function Diagram({ studio }: { studio: Studio }) {
     const picture = sheet.current?.querySelector("svg");
     if (!picture || !box.current) return;
     const width = picture.viewBox.baseVal.width;
-    setZoom(Math.min(1.2, Math.max(LEAST, (box.current.clientWidth - 16) / width)));
+    setZoom(Math.min(1.2, Math.max(LEAST, (box.current.clientWidth - 18) / width)));
   };
 
   useEffect(() => {
@@ -43,8 +43,13 @@ export function Diagram({ studio }: { studio: Studio }) {
     const picture = sheet.current.querySelector("svg");
     picture?.setAttribute("role", "group");
     picture?.setAttribute("aria-label", words.diagramLabel);
-    if (zoom === 0 && picture) fit();
   }, [svg, studio.language]);
+
+  // Another file has another picture.
+  useEffect(() => setZoom(0), [studio.path]);
+  useEffect(() => {
+    if (zoom === 0) fit();
+  }, [zoom, svg]);
 
   useEffect(() => {
     const picture = sheet.current?.querySelector("svg");

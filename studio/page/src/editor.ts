@@ -218,7 +218,7 @@ export class Editor {
         lineNumbers(), highlightActiveLineGutter(), history(), drawSelection(), indentOnInput(), bracketMatching(),
         closeBrackets(), autocompletion(), highlightActiveLine(), lintGutter(),
         language, syntaxHighlighting(colours), EditorState.tabSize.of(4),
-        EditorView.contentAttributes.of({ "aria-label": label }),
+        EditorView.contentAttributes.of({ "aria-label": label, tabindex: "0" }),
         keymap.of([
           { key: "Escape", run: temporarilySetTabFocusMode },
           ...closeBracketsKeymap, ...defaultKeymap, ...historyKeymap, ...completionKeymap, ...lintKeymap,

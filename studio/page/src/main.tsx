@@ -97,8 +97,7 @@ function Tour({ studio }: { studio: Studio }) {
   if (!step) return null;
   const isLast = at === words.tourSteps.length - 1;
   return (
-    <dialog ref={dialog} class="tour" aria-labelledby="tour-title" onClose={() => studio.endTour()}
-      onKeyDown={(event) => { if (event.key === "Escape") studio.endTour(); }}>
+    <dialog ref={dialog} class="tour" aria-labelledby="tour-title" onClose={() => studio.endTour()}>
       <h2 id="tour-title">{at + 1}/{words.tourSteps.length} {step[0]}</h2>
       <p>{step[1]}</p>
       {isLast && <p class="keys">{words.keys}</p>}
@@ -152,6 +151,7 @@ document.addEventListener("keydown", (event) => {
   else if (control && event.key === "s") studio.saveToDisk();
   else if (event.altKey && event.key === "ArrowRight" && studio.run) studio.step(1);
   else if (event.altKey && event.key === "ArrowLeft" && studio.run) studio.step(-1);
+  else if (event.key === "Escape" && studio.tour >= 0) studio.endTour();
   else return;
   event.preventDefault();
 }, true);

@@ -38,6 +38,18 @@ function rows(studio: Studio): Map<string, Bar[]> {
   return all;
 }
 
+const ICONS = {
+  start: "M3 2v12h2V2zM14 2 6 8l8 6z",
+  back: "M4 2v12h2V2zM13 3 7 8l6 5z",
+  play: "M4 2v12l10-6z",
+  pause: "M4 2h3v12H4zM9 2h3v12H9z",
+  step: "M3 3l6 5-6 5zM10 2v12h2V2z",
+};
+
+function Icon({ of }: { of: keyof typeof ICONS }) {
+  return <svg class="icon" viewBox="0 0 16 16" aria-hidden="true"><path d={ICONS[of]} /></svg>;
+}
+
 /** The time: states over it, and all that moves through it. */
 export function Time({ studio }: { studio: Studio }) {
   const words = studio.words;
@@ -70,12 +82,12 @@ export function Time({ studio }: { studio: Studio }) {
           ▶ {run ? words.runAgain : words.run}</button>
         <span class="group">
           <button disabled={!run} onClick={() => { studio.isPlaying = false; studio.seek(0); }}
-            aria-label={words.toStart} title={words.toStart}>⏮</button>
-          <button disabled={!run} onClick={() => studio.step(-1)} aria-label={words.stepBack} title={`${words.stepBack} (Alt+←)`}>◂</button>
+            aria-label={words.toStart} title={words.toStart}><Icon of="start" /></button>
+          <button disabled={!run} onClick={() => studio.step(-1)} aria-label={words.stepBack} title={`${words.stepBack} (Alt+←)`}><Icon of="back" /></button>
           <button disabled={!run} onClick={() => studio.toggle()}
             aria-label={studio.isPlaying ? words.pause : words.play}
-            title={`${studio.isPlaying ? words.pause : words.play} (Ctrl+Space)`}>{studio.isPlaying ? "⏸" : "⏵"}</button>
-          <button disabled={!run} onClick={() => studio.step(1)} aria-label={words.step} title={`${words.step} (Alt+→)`}>▸</button>
+            title={`${studio.isPlaying ? words.pause : words.play} (Ctrl+Space)`}><Icon of={studio.isPlaying ? "pause" : "play"} /></button>
+          <button disabled={!run} onClick={() => studio.step(1)} aria-label={words.step} title={`${words.step} (Alt+→)`}><Icon of="step" /></button>
         </span>
         <output class="clock" aria-label={words.time}>{seconds(studio.t_us)} / {(whole_us / 1e6).toFixed(0)} s</output>
         <input type="range" class="slider" min={0} max={whole_us} step={10_000} value={studio.t_us} disabled={!run}
