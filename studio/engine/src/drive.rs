@@ -2,16 +2,12 @@
 
 use std::cell::RefCell;
 
-use esm_toolkit::host_board::{HostMemory, about};
-use esm_toolkit::host_run::{HostRun, Planned, RunMission, Settings};
+use esm_toolkit::host_run::{HostRun, Planned, RunMission, Settings, start_rover};
 use esm_toolkit::plant::BodyParameters;
 use esm_toolkit::plant::behind_pins::SonarBreak;
 use esm_toolkit::recording::player::Recording;
 use esm_toolkit::recording::walk::Walk;
 use esm_toolkit::world::World;
-use rt_firmware::body::PinImage;
-use rt_firmware::rover::{Measures, PinRover};
-use rt_firmware::{AnyTaskPool, Limits, Mailbox, RetainedRam, split};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -62,11 +58,6 @@ thread_local! {
     static STAGE: RefCell<Stage> = const { RefCell::new(Stage::Nothing) };
 }
 
-/// Gives a value to the instance for as long as it lives.
-fn kept<T>(value: T) -> &'static mut T {
-    Box::leak(Box::new(value))
-}
-
 /// The name of a mission, as `esm run` names it.
 fn name_of(path: &str) -> String {
     let name = path.rsplit('/').next().unwrap_or(path);
@@ -114,16 +105,7 @@ pub fn start(plan: Plan) -> Result<Value, String> {
         cut_link_us: plan.cut_link_us,
     };
     let world = world_of(&settings.world);
-    let pins: &'static PinImage = kept(PinImage::new());
-    let rover = kept(PinRover::new(pins.parts().into(), &Measures::ROVER));
-    let banks: Vec<&'static mut (dyn AnyTaskPool + 'static)> = (rover.banks().into_iter())
-        .map(|bank| bank as &mut (dyn AnyTaskPool + 'static))
-        .collect();
-    let about = about(kept(RetainedRam::new()));
-    let (memory, mailbox) = (kept(HostMemory::new()), kept(Mailbox::new()));
-    let sides = split(memory, Vec::leak(banks), mailbox, about, Limits::default())
-        .map_err(|fault| format!("{fault:?}"))?;
-    let run = HostRun::start(sides, pins, settings, missions).map_err(|error| error.to_string())?;
+    let run = start_rover(settings, missions).map_err(|error| error.to_string())?;
     STAGE.set(Stage::Running(Box::new(run)));
     Ok(world)
 }
@@ -229,7 +211,8 @@ pub fn go_on(to_us: u64) -> Result<Value, String> {
         "macro_steps": told.counts.macro_steps,
     });
     let recording = Recording::read(&recording).map_err(|error| error.to_string())?;
-    let (walk, ended) = Walk::new(kept(recording), false);
+    // It is looked at as long as the instance lives.
+    let (walk, ended) = Walk::new(Box::leak(Box::new(recording)), false);
     if let Some(ended) = ended {
         return Err(ended.to_string());
     }

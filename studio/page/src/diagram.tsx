@@ -15,7 +15,8 @@ export function Diagram({ studio }: { studio: Studio }) {
 
   const fit = () => {
     const picture = sheet.current?.querySelector("svg");
-    if (!picture || !box.current) return;
+    // A part that is not shown has no width.
+    if (!picture || !box.current?.clientWidth) return;
     const width = picture.viewBox.baseVal.width;
     setZoom(Math.min(1.2, Math.max(LEAST, (box.current.clientWidth - 18) / width)));
   };
@@ -27,7 +28,8 @@ export function Diagram({ studio }: { studio: Studio }) {
       const path = part.dataset.path ?? "";
       part.setAttribute("tabindex", "0");
       part.setAttribute("role", "button");
-      part.setAttribute("aria-label", path);
+      const shown = [...part.querySelectorAll("text")].map((text) => text.textContent).join(" ");
+      part.setAttribute("aria-label", `${shown}, ${path}`);
       const first = part.querySelector("rect");
       if (!first) continue;
       const circle = document.createElementNS("http://www.w3.org/2000/svg", "circle");
@@ -35,9 +37,6 @@ export function Diagram({ studio }: { studio: Studio }) {
       circle.setAttribute("cx", String(Number(first.getAttribute("x")) + 7));
       circle.setAttribute("cy", String(Number(first.getAttribute("y")) + 7));
       circle.setAttribute("r", "4");
-      const title = document.createElementNS("http://www.w3.org/2000/svg", "title");
-      title.textContent = words.breakpointOf(path);
-      circle.append(title);
       part.append(circle);
     }
     const picture = sheet.current.querySelector("svg");
@@ -49,7 +48,7 @@ export function Diagram({ studio }: { studio: Studio }) {
   useEffect(() => setZoom(0), [studio.path]);
   useEffect(() => {
     if (zoom === 0) fit();
-  }, [zoom, svg]);
+  }, [zoom, svg, studio.tab]);
 
   useEffect(() => {
     const picture = sheet.current?.querySelector("svg");

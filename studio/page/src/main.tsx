@@ -147,7 +147,7 @@ document.documentElement.lang = studio.language;
 document.addEventListener("keydown", (event) => {
   const control = event.ctrlKey || event.metaKey;
   if (control && event.key === "Enter") studio.start();
-  else if (control && event.key === " ") studio.toggle();
+  else if (event.altKey && event.key === "Enter") studio.toggle();
   else if (control && event.key === "s") studio.saveToDisk();
   else if (event.altKey && event.key === "ArrowRight" && studio.run) studio.step(1);
   else if (event.altKey && event.key === "ArrowLeft" && studio.run) studio.step(-1);

@@ -86,7 +86,7 @@ export function Time({ studio }: { studio: Studio }) {
           <button disabled={!run} onClick={() => studio.step(-1)} aria-label={words.stepBack} title={`${words.stepBack} (Alt+←)`}><Icon of="back" /></button>
           <button disabled={!run} onClick={() => studio.toggle()}
             aria-label={studio.isPlaying ? words.pause : words.play}
-            title={`${studio.isPlaying ? words.pause : words.play} (Ctrl+Space)`}><Icon of={studio.isPlaying ? "pause" : "play"} /></button>
+            title={`${studio.isPlaying ? words.pause : words.play} (Alt+Enter)`}><Icon of={studio.isPlaying ? "pause" : "play"} /></button>
           <button disabled={!run} onClick={() => studio.step(1)} aria-label={words.step} title={`${words.step} (Alt+→)`}><Icon of="step" /></button>
         </span>
         <output class="clock" aria-label={words.time}>{seconds(studio.t_us)} / {(whole_us / 1e6).toFixed(0)} s</output>

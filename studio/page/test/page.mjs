@@ -95,12 +95,11 @@ await check("a mistake is marked as it is written, the picture stays grey, and a
   await page.keyboard.press("Control+End");
   await page.keyboard.insertText("\ncontainer Extra { region r { state Here; initial -> Hree; } }");
   await page.waitForSelector(".problems button.fix");
-  await page.locator(".problems button.fix").first().click();
+  await page.locator(".problems button.fix", { hasText: "write `Here`" }).click();
   await page.waitForFunction(() => document.querySelectorAll(".problems li.error").length === 0);
 });
 
 await check("names are completed, explained and found, and the text is laid out", async () => {
-  await mission(page, "patrol");
   await page.locator(".text button", { hasText: "Undo changes" }).click();
   await page.click(".cm-content");
   await page.keyboard.press("Control+Home");
@@ -128,7 +127,7 @@ await check("the robot drives, by keyboard, and its trace is the command's", asy
   const label = await page.locator(".robot canvas").getAttribute("aria-label");
   await at(page, 4);
   assert.notEqual(await page.locator(".robot canvas").getAttribute("aria-label"), label, "the robot has moved");
-  await page.keyboard.press("Control+Space");
+  await page.keyboard.press("Alt+Enter");
   await shoot(page, "run");
 });
 
@@ -152,7 +151,7 @@ await check("a breakpoint pauses the run where its state is entered", async () =
   await page.keyboard.press("b");
   await page.waitForSelector('.sheet g.breaks[data-path="motion/Roam/steps/AvoidRight"]');
   await page.locator(".speed select").selectOption("16");
-  await page.keyboard.press("Control+Space");
+  await page.keyboard.press("Alt+Enter");
   await page.waitForSelector('.sheet g.lit[data-path="motion/Roam/steps/AvoidRight"]');
   await page.waitForFunction(() => document.querySelector(".time .note").textContent.includes("AvoidRight"));
   await page.waitForSelector(".why .choice.taken");
@@ -203,7 +202,7 @@ await check("another language, light and dark, and nothing serious for who canno
   assert.deepEqual(await seriousFindings(page), []);
   await page.keyboard.press("Control+Enter");
   await whole(page);
-  await page.keyboard.press("Control+Space");
+  await page.keyboard.press("Alt+Enter");
   assert.deepEqual(await seriousFindings(page), []);
   const dark = await page.locator(".head button", { hasText: "◐" });
   await dark.click();

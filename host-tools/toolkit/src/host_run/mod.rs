@@ -5,10 +5,12 @@
 //! trace, byte for byte. Bytes of the link take no time, and missions take over at the very robot
 //! time that is planned for them, as over a pipe.
 
+mod kept;
 mod port;
 mod run;
 mod session;
 
+pub use kept::start_rover;
 pub use port::DirectPort;
 pub use run::{Given, HostRun, Planned, RunMission, Settings, Shown};
 pub use session::RunError;
