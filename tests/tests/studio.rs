@@ -62,13 +62,16 @@ fn a_run_without_a_thread_has_the_trace_of_the_board() {
         while run.go_on(to_us).expect("a run that goes on") {
             to_us += 777_777;
         }
-        let (told, _, plant) = run.finish().expect("an end");
+        let ended = run.finish().expect("an end");
         let mut board = plan(&file, world(world_name));
         board.until_us = Some(UNTIL_US);
         let board = driven(board);
-        assert_eq!(told.counts, board.told.counts, "{name}");
-        assert!(told.out == board.told.out, "{name}: the traces differ");
-        assert_eq!(plant.distance_m(), board.plant.distance_m(), "{name}");
+        assert_eq!(ended.told.counts, board.told.counts, "{name}");
+        assert!(
+            ended.told.out == board.told.out,
+            "{name}: the traces differ"
+        );
+        assert_eq!(ended.plant.distance_m(), board.plant.distance_m(), "{name}");
     }
 }
 
@@ -87,7 +90,8 @@ fn what_a_run_tells_is_in_its_trace_and_each_moment_has_its_choices() {
     let carried = run.carried().to_vec();
     assert_eq!((carried.len(), carried[0], carried[2]), (3, 0, 0));
     assert!(carried[1] > 0, "the same mission goes on as it is");
-    let (told, recording, _) = run.finish().expect("an end");
+    let ended = run.finish().expect("an end");
+    let (told, recording) = (ended.told, ended.recording);
     assert_eq!(
         told.missions
             .iter()

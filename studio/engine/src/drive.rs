@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 
-use esm_toolkit::host_run::{HostRun, Planned, RunMission, Settings, start_rover};
+use esm_toolkit::host_run::{Ended, HostRun, Planned, RunMission, Settings, start_rover};
 use esm_toolkit::plant::BodyParameters;
 use esm_toolkit::plant::behind_pins::SonarBreak;
 use esm_toolkit::recording::player::Recording;
@@ -195,7 +195,11 @@ pub fn go_on(to_us: u64) -> Result<Value, String> {
         STAGE.set(Stage::Running(run));
         return Ok(answer);
     }
-    let (told, recording, plant) = run.finish().map_err(|error| error.to_string())?;
+    let Ended {
+        told,
+        recording,
+        plant,
+    } = run.finish().map_err(|error| error.to_string())?;
     let missions: Vec<Value> = (told.missions.iter())
         .map(|it| json!({ "name": it.name, "start_us": it.start_us, "end_us": it.end_us }))
         .collect();

@@ -12,5 +12,5 @@ mod session;
 
 pub use kept::start_rover;
 pub use port::DirectPort;
-pub use run::{Given, HostRun, Planned, RunMission, Settings, Shown};
+pub use run::{Ended, Given, HostRun, Planned, RunMission, Settings, Shown};
 pub use session::RunError;

@@ -125,6 +125,16 @@ pub struct Given {
     pub people: Vec<(u64, Vec<[f64; 3]>)>,
 }
 
+/// A run that has come to its end.
+pub struct Ended {
+    /// What happened, with the trace.
+    pub told: Told<Vec<u8>>,
+    /// The recording of it.
+    pub recording: Vec<u8>,
+    /// The plant as it was then.
+    pub plant: Plant,
+}
+
 /// A run that goes on as far as it is told to.
 pub struct HostRun<'p, 'q, 'm> {
     life: HostLife<'p, 'q, 'm, PlantBehindPins>,
@@ -251,11 +261,11 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
         &self.carried
     }
 
-    /// Ends the run: what was told with its trace, the recording, the plant as it was at the end.
+    /// Ends the run.
     ///
     /// # Errors
     /// [`RunError`]
-    pub fn finish(mut self) -> Result<(Told<Vec<u8>>, Vec<u8>, Plant), RunError> {
+    pub fn finish(mut self) -> Result<Ended, RunError> {
         self.life.serve(&mut self.port);
         self.take_in()?;
         let steps = self.story.steps();
@@ -267,7 +277,11 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
         let mut recording = self.recording;
         recording.ends(&told.ends)?;
         let (recording, _) = recording.finish(steps)?;
-        Ok((told, recording, self.life.plant().at_end()))
+        Ok(Ended {
+            told,
+            recording,
+            plant: self.life.plant().at_end(),
+        })
     }
 
     /// Brings the next mission to the robot.
