@@ -64,11 +64,14 @@ pub fn serve(messages: Vec<Value>) -> Result<Value, String> {
     Ok(json!({ "messages": answers }))
 }
 
-/// Compiles the mission in a file for the host board. Without one there are diagnostics.
+/// A set of files, and the blob of its mission where nothing is wrong.
+type Compiled = (Checked, Option<Verified<Vec<u8>>>);
+
+/// Compiles the mission in a file for the host board.
 ///
 /// # Errors
 /// The file cannot be read, or there is nothing to run.
-pub fn compiled(path: &str) -> Result<(Checked, Option<Verified<Vec<u8>>>), String> {
+pub fn compiled(path: &str) -> Result<Compiled, String> {
     let mut checked = lang::load_from(path, files()).map_err(|error| error.to_string())?;
     checked.require_machine();
     let Some(schedule) = checked.lay_out(Limit::pieces(SEARCH_PIECES)) else {

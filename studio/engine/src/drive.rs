@@ -51,7 +51,7 @@ pub struct Plan {
 enum Stage {
     Nothing,
     Running(Box<HostRun<'static, 'static, 'static>>),
-    Over(Walk<'static>),
+    Over(Box<Walk<'static>>),
 }
 
 thread_local! {
@@ -220,7 +220,7 @@ pub fn go_on(to_us: u64) -> Result<Value, String> {
     if let Some(ended) = ended {
         return Err(ended.to_string());
     }
-    STAGE.set(Stage::Over(walk));
+    STAGE.set(Stage::Over(Box::new(walk)));
     Ok(answer)
 }
 
