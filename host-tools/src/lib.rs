@@ -9,13 +9,13 @@
 pub mod cli;
 
 pub use esm_client::{
-    behaviour_words, bench, black_box, files, flashing, host_board, keys, link_client, lockstep,
-    nearby, ports, qemu, reading, run, serial, time, trial, values,
+    bench, black_box, files, flashing, host_board, keys, link_client, lockstep, nearby, ports,
+    qemu, reading, run, serial, time, trial, values,
 };
 pub use esm_toolkit::{
-    boards, bound, clean, compile, counters, diagram, fit, goal, inspect, language_server, model,
-    nearest, odometry, parameters, pictures, schedule, script, sim, task_page, timetable, trace,
-    trace_events, tune, world,
+    behaviour_words, boards, bound, clean, compile, counters, diagram, fit, goal, host_run,
+    inspect, language_server, model, nearest, odometry, parameters, pictures, schedule, script,
+    sim, task_page, timetable, trace, trace_events, tune, world,
 };
 
 /// The language front end, and its files on disk.

@@ -198,7 +198,7 @@ fn what_a_person_has_measured_goes_into_the_robots_file() {
     ];
     let named = ["--base-mm", "205.6", "--write", robot, "--json"];
     let evaluated = esm(&[&squares[..], &named].concat()).good().json();
-    let base_m = (evaluated["base_mm"].as_f64().unwrap() * 10.0).round() / 10_000.0;
+    let base_m = libm::round(evaluated["base_mm"].as_f64().unwrap() * 10.0) / 10_000.0;
     let with_base = expected.replace("0.20561 ", &format!("{base_m} "));
     assert_eq!(fs::read_to_string(&path).unwrap(), with_base);
 

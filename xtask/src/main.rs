@@ -1,5 +1,5 @@
 //! The project's own commands: `cargo xtask demo`, `test`, `bench`, `fuzz`, `firmware`, `size`,
-//! `release`, `setup`.
+//! `release`, `setup`, `studio`.
 //!
 //! What needs the network, root or minutes is told before it is done. What cannot be done ends with
 //! the exact command that would. There are no dependencies, so that the first command on a fresh
@@ -20,6 +20,7 @@ mod python;
 mod release;
 mod setup;
 mod size;
+mod studio;
 mod tally;
 mod test;
 
@@ -45,6 +46,7 @@ Commands:
   firmware   Build a board's firmware to target/firmware/BOARD/<BIN>.elf
   emulator   Install the emulator of a board's chip below target/emulators, and say what was done
   size       Print flash and RAM of the firmware, part by part, and what missions take, and compare them with boards/BOARD/expected-size.txt
+  studio     Build the studio's engine and page to studio/dist, and print what they take
   mutants    Make small changes for the worse, those in tests/mutants, and see whether a test notices: each TARGET, or all of them
   form       Look for lines that are too wide, in .rs and .md files, as `test checks` does
   release    Make the files of a release in target/release-files: packages, the command esm, firmware of each board (ELF, UF2), notes, sums
@@ -254,6 +256,7 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
                 toolchain: choice,
             },
         ),
+        "studio" => studio::command_line(&root, &setup::page_toolchain(choice)?),
         "mutants" => mutants::command(&root, &options.targets),
         "release" => release::command(
             &root,

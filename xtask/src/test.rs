@@ -15,6 +15,7 @@ use crate::process::{self, Failure, cargo};
 use crate::python;
 use crate::setup::{self, Choice, OTHER_TARGETS, PAGE_TARGET, Toolchain};
 use crate::size;
+use crate::studio;
 use crate::tally::Tally;
 
 /// Tells the example's tests where its firmware is.
@@ -211,6 +212,19 @@ fn robots(root: &Path, tally: &mut Tally) {
             "the pico's drivers, at its pins",
             "there is no python3 with venv",
         ),
+    }
+    match studio::lacking() {
+        None => {
+            let esm = root.join("target/release/esm");
+            tally.step(
+                "the studio: fresh, and its traces are the command's",
+                || studio::test_fresh(root, &esm),
+            );
+            tally.step("the studio's page, in a browser", || {
+                studio::test_page(root, &esm)
+            });
+        }
+        Some(what) => tally.skip("the studio", what),
     }
     tally.step("the demo, and its deepest stack", || {
         size::check_stack(root, size::LIMITS, &demo::drive(root)?.join("summary.json"))

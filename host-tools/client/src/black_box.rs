@@ -8,11 +8,11 @@ use esm_link::black_box::{Event, PoseFrame, Record};
 use esm_link::message::ResetReason;
 use serde::Serialize;
 
-use crate::behaviour_words::{
-    TaskNames, behaviour, came_up, change, corrected, reaction, situation, state,
-};
 use crate::reading::{mode_words, reset_reason};
 use crate::run::mission::hash_text;
+use esm_toolkit::behaviour_words::{
+    TaskNames, behaviour, came_up, change, corrected, reaction, situation, state,
+};
 use esm_toolkit::trace::directory::Directory;
 
 /// A record in words, in the form of its JSON.

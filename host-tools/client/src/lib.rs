@@ -8,7 +8,6 @@
 // All that goes to a terminal goes through the command's console, which cleans it.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
-pub mod behaviour_words;
 pub mod bench;
 pub mod black_box;
 pub mod files;

@@ -9,11 +9,11 @@ use serde::Serialize;
 use thiserror::Error;
 
 use crate::link_client::{ClientError, LinkClient, LinkCounts};
-use crate::run::story;
 use crate::serial::ByteLink;
 use esm_toolkit::counters::SlotReport;
 use esm_toolkit::inspect;
 use esm_toolkit::inspect::refusal::Explained;
+use esm_toolkit::story;
 use esm_toolkit::trace::directory::Directory;
 
 /// Why there is no reading.

@@ -69,6 +69,7 @@ pub fn execute(args: &DrawArgs, console: &mut Console) -> Result<(), CommandErro
         data: !args.no_data,
         legend: args.legend,
         notes: args.notes,
+        ..Options::default()
     };
     let scene = diagram::draw(model, &options).map_err(|error| match error {
         DrawError::NoContainer { .. } => CommandError::Usage(error.into()),

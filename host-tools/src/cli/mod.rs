@@ -69,6 +69,7 @@ pub mod start;
 pub mod status;
 pub mod step;
 pub mod stop;
+pub mod studio;
 pub mod tasks;
 pub mod terminal;
 pub mod test;
@@ -126,6 +127,7 @@ pub enum Command {
     Explain(explain::ExplainArgs),
     Fmt(fmt::FmtArgs),
     Lsp(lsp::LspArgs),
+    Studio(studio::StudioArgs),
     Build(build::BuildArgs),
     Bound(bound::BoundArgs),
     Draw(draw::DrawArgs),
@@ -227,6 +229,7 @@ pub fn execute(
         Command::Explain(args) => explain::execute(args, console),
         Command::Fmt(args) => fmt::execute(args, console),
         Command::Lsp(args) => lsp::execute(args),
+        Command::Studio(args) => studio::execute(args, console),
         Command::Build(args) => build::execute(args, console),
         Command::Bound(args) => bound::execute(args, console),
         Command::Draw(args) => draw::execute(args, console),

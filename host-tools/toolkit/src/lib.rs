@@ -15,6 +15,7 @@
 // All that goes to a terminal goes through the command's console, which cleans it.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod behaviour_words;
 pub mod boards;
 pub mod bound;
 pub mod clean;
@@ -24,6 +25,8 @@ pub mod diagram;
 pub mod duration;
 pub mod fit;
 pub mod goal;
+pub mod host_board;
+pub mod host_run;
 pub mod inspect;
 pub mod lang;
 pub mod language_server;
@@ -42,6 +45,8 @@ pub mod scenario;
 pub mod schedule;
 pub mod script;
 pub mod sim;
+pub mod story;
+pub mod streams;
 mod superstates;
 pub mod table;
 pub mod task_page;

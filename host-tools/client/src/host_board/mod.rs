@@ -8,8 +8,6 @@
 //!
 //! A user's own robot runs here too: `host_tools::cli::main_with`.
 
-mod body;
-mod log_lines;
 mod port;
 
 use std::sync::Arc;
@@ -18,51 +16,32 @@ use std::sync::mpsc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use esm_link::message::{Capacities, Mode};
 use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::body::{Parts, PinImage};
 use rt_firmware::rover::{Measures, PinRover};
 use rt_firmware::store::flash_store::{self, FlashStore};
-use rt_firmware::{About, AnyTaskPool, Limits, Mailbox, Memory, RegistryFault, RetainedRam, split};
+use rt_firmware::{AnyTaskPool, Limits, Mailbox, RegistryFault, RetainedRam, split};
 use thiserror::Error;
 
 use crate::lockstep::line::{self, BoardEnd, ClientEnd};
 use crate::lockstep::plant_side::PlantSide;
 use crate::serial::pipe::{self, PipeEnd};
-use body::{Body, RecordedEnds};
-use esm_toolkit::boards;
+pub use esm_toolkit::host_board::{BOARD, CAPACITIES};
+use esm_toolkit::host_board::{HostLife, HostMemory, RecordedEnds, about, log_lines};
 use esm_toolkit::recording::entered::Entered;
 use port::{Line, Port};
 
-/// The board's name, as `--board` takes it and as it calls itself.
-pub const BOARD: &str = boards::HOST.name;
-
-/// What a mission may use here.
-pub const CAPACITIES: Capacities = boards::HOST.capacities;
-
-/// The same, as sizes of memory.
-const BLOB_BYTES: usize = CAPACITIES.blob_bytes as usize;
-const ARENA_WORDS: usize = CAPACITIES.arena_words as usize;
-const SLOTS: usize = CAPACITIES.slots as usize;
-const TASKS: usize = CAPACITIES.task_instances as usize;
-const NETS: usize = CAPACITIES.nets as usize;
-const GROUPS: usize = CAPACITIES.exclusive_groups as usize;
+/// The longest mission in bytes.
+const BLOB_BYTES: u32 = CAPACITIES.blob_bytes;
 
 /// Bytes of its flash, for missions and records.
-pub const FLASH_BYTES: u32 = flash_store::flash_bytes(BLOB_BYTES as u32, ERASE_BYTES as u32);
+pub const FLASH_BYTES: u32 = flash_store::flash_bytes(BLOB_BYTES, ERASE_BYTES as u32);
 
-/// Room for the trace of many macro steps, should the reader be slow.
-const TRACE_BYTES: usize = 256 * 1024;
-
-/// The memory above lies on the stack of the board's thread.
+/// The memory of a runtime lies on the stack of the board's thread.
 const STACK_BYTES: usize = 32 * 1024 * 1024;
 
 /// How long a board without anything to do waits for bytes.
 const IDLE_WAIT: Duration = Duration::from_millis(2);
-
-/// Steps of background tasks between two slots. One that needs more goes on after the slot, as on a
-/// real board.
-const BACKGROUND_STEPS: u32 = 10_000;
 
 /// Makes a robot on the given pins and hands its banks to the runtime, which returns when the board
 /// ends.
@@ -248,22 +227,16 @@ fn run(
         .iter_mut()
         .map(|bank| &mut **bank as &mut dyn AnyTaskPool)
         .collect();
-    let mut memory =
-        Memory::<BLOB_BYTES, ARENA_WORDS, SLOTS, TASKS, NETS, GROUPS, TRACE_BYTES>::new();
+    let mut memory = HostMemory::new();
     let mut mailbox = Mailbox::new();
-    let about = About {
-        reset: shared.kept.begin(None),
-        kept: Some(&shared.kept),
-        ..About::new(concat!("esm ", env!("CARGO_PKG_VERSION")), BOARD)
-    };
     let sides = split(
         &mut memory,
         &mut banks,
         &mut mailbox,
-        about,
+        about(&shared.kept),
         Limits::default(),
     );
-    let (mut real_time, background, mut link) = match sides {
+    let sides = match sides {
         Ok(sides) => sides,
         Err(fault) => {
             // Nobody waits for it any more only where the process ends anyway.
@@ -275,56 +248,36 @@ fn run(
     let _ = ready.send(None);
     let mut records = [0; flash_store::RECORD_BYTES];
     // A flash of another size is none of this board.
-    let keep = FlashStore::open(flash, BLOB_BYTES as u32, None, &mut records).ok();
+    let keep = FlashStore::open(flash, BLOB_BYTES, None, &mut records).ok();
     let keep = keep.map(|keep| keep.over_resets(&shared.kept));
-    let mut port = Port::new(line, keep, link.stop_listener(), &shared.stop);
-    link.start(&mut port);
-    let mut body = Body::new(pins, plant, background, ends);
-    let mut due_us = 0;
+    let mut life = HostLife::new(sides, pins, plant, ends);
+    let mut port = Port::new(line, keep, life.stop_listener(), &shared.stop);
+    life.start(&mut port);
     while !shared.stop.load(Relaxed) {
-        let idle = real_time.mode() == Mode::Empty;
-        let gated = body.robot_us_at(due_us) >= shared.gate_us.load(Relaxed);
+        let gated = life.next_robot_us() >= shared.gate_us.load(Relaxed);
         shared.waits_at_gate.store(gated, Relaxed);
-        if port
-            .exchange(if idle || gated {
-                IDLE_WAIT
-            } else {
-                Duration::ZERO
-            })
-            .is_err()
-        {
+        let wait = match life.is_empty() || gated {
+            true => IDLE_WAIT,
+            false => Duration::ZERO,
+        };
+        if port.exchange(wait).is_err() {
             // Nobody can reach this board any more.
             return;
         }
-        if port.has_heard_stop() {
-            // As on a real board, ahead of whatever the link is at.
-            due_us = real_time.on_timer(&mut body);
-        }
-        port.set_clock(body.now_us());
-        while link.poll(&mut port) && port.has_room() {}
-        if gated {
-            if shared.opens_for_mission.load(Relaxed) && link.is_waiting() {
+        life.serve(&mut port);
+        if !gated {
+            life.pass(&mut port);
+        } else if life.is_asked() {
+            if shared.opens_for_mission.load(Relaxed) {
                 shared.opens_for_mission.store(false, Relaxed);
                 shared
                     .gate_us
                     .store(shared.next_gate_us.load(Relaxed), Relaxed);
-                // Before the time of the gate: what is asked for at a macro step's time waits for
-                // the next.
-                due_us = real_time.on_timer(&mut body);
-            } else if link.is_waiting() {
+                life.activate();
+            } else {
                 // Time stands still at a gate; questions are answered all the same.
-                real_time.on_timer(&mut body);
+                life.answer();
             }
-            continue;
         }
-        // As on a real board, the slots come first.
-        if let Some(swap_us) = port.swaps_at_us().filter(|swap_us| *swap_us < due_us) {
-            body.pass_time_to(swap_us);
-            port.swap(swap_us);
-            continue;
-        }
-        body.pass_time_to(due_us);
-        due_us = real_time.on_timer(&mut body);
-        body.run_background(BACKGROUND_STEPS);
     }
 }

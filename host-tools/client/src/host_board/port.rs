@@ -11,11 +11,11 @@ use rt_firmware::mission_store::MissionStore;
 use rt_firmware::store::flash_store::FlashStore;
 use rt_firmware::{LinkPort, StopListener};
 
-use super::log_lines;
 use crate::flash::Flash;
 use crate::lockstep::line::BoardEnd;
 use crate::serial::ByteLink;
 use crate::serial::pipe::PipeEnd;
+use esm_toolkit::host_board::{HostPort, log_lines};
 
 /// Bytes taken from the pipe at once.
 const READ_BYTES: usize = 4096;
@@ -74,56 +74,12 @@ impl<'k> Port<'k> {
         }
     }
 
-    /// Whether a stop was heard since this was asked last.
-    pub(super) fn has_heard_stop(&mut self) -> bool {
-        std::mem::take(&mut self.has_heard_stop)
-    }
-
     /// Takes bytes off the line.
     fn take(&mut self, bytes: &[u8]) {
         for byte in bytes {
             self.has_heard_stop |= self.listener.hear(*byte, true);
         }
         self.incoming.extend(bytes);
-    }
-
-    /// The board's clock says this.
-    pub(super) fn set_clock(&mut self, now_us: u64) {
-        self.now_us = now_us;
-    }
-
-    /// When the next bytes are swapped by the board's virtual time, where they are.
-    pub(super) fn swaps_at_us(&self) -> Option<u64> {
-        match self.line {
-            Line::Pipe(_) => None,
-            Line::Plant(_) => Some(self.swapped_at_us + u64::from(INTERVAL_US)),
-        }
-    }
-
-    /// Whether it takes a byte to be sent.
-    pub(super) fn has_room(&self) -> bool {
-        match self.line {
-            Line::Pipe(_) => true,
-            // What the next swap takes: a serial line has no room for more, and the link keeps the
-            // rest.
-            Line::Plant(_) => self.outgoing.len() < PART_BYTES,
-        }
-    }
-
-    /// Swaps bytes with the client at `now_us` of the board's virtual time.
-    pub(super) fn swap(&mut self, at_us: u64) {
-        if let Line::Plant(line) = &self.line {
-            self.swapped_at_us = at_us;
-            let mut part = LinePart::new(PART_BYTES);
-            while !part.is_full() {
-                let Some(byte) = self.outgoing.pop_front() else {
-                    break;
-                };
-                part.push(byte);
-            }
-            let part = line.swap(&part);
-            self.take(part.carried());
-        }
     }
 
     /// Brings out what was sent and takes in what has come by a pipe, waiting up to `timeout` for
@@ -170,6 +126,47 @@ impl<'k> Port<'k> {
             self.take(&bytes[..count]);
         }
         Ok(())
+    }
+}
+
+impl HostPort for Port<'_> {
+    fn set_clock(&mut self, now_us: u64) {
+        self.now_us = now_us;
+    }
+
+    fn has_room(&self) -> bool {
+        match self.line {
+            Line::Pipe(_) => true,
+            // What the next swap takes: a serial line has no room for more, and the link keeps the
+            // rest.
+            Line::Plant(_) => self.outgoing.len() < PART_BYTES,
+        }
+    }
+
+    fn has_heard_stop(&mut self) -> bool {
+        std::mem::take(&mut self.has_heard_stop)
+    }
+
+    fn swaps_at_us(&self) -> Option<u64> {
+        match self.line {
+            Line::Pipe(_) => None,
+            Line::Plant(_) => Some(self.swapped_at_us + u64::from(INTERVAL_US)),
+        }
+    }
+
+    fn swap(&mut self, at_us: u64) {
+        if let Line::Plant(line) = &self.line {
+            self.swapped_at_us = at_us;
+            let mut part = LinePart::new(PART_BYTES);
+            while !part.is_full() {
+                let Some(byte) = self.outgoing.pop_front() else {
+                    break;
+                };
+                part.push(byte);
+            }
+            let part = line.swap(&part);
+            self.take(part.carried());
+        }
     }
 }
 

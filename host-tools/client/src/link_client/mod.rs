@@ -30,7 +30,6 @@ mod mutants;
 mod owner;
 mod session;
 mod signing;
-mod streams;
 mod timing;
 mod upload;
 
@@ -52,11 +51,11 @@ use crate::serial::ByteLink;
 use crate::serial::clock::Clock;
 
 pub use error::{ClientError, Flaw};
+pub use esm_toolkit::streams::StreamEvent;
+use esm_toolkit::streams::{Assembler, Waiting};
 use session::{Answer, Expected, innermost_kind};
 use signing::Signing;
 pub use signing::{KeyLoader, RobotIdentity};
-pub use streams::StreamEvent;
-use streams::{Assembler, Waiting};
 pub use timing::NOISY_DEADLINE;
 use timing::{Allowance, Patience, REQUEST_DEADLINE, ReplyTime};
 

@@ -7,71 +7,24 @@ use rt_firmware::body::{Reply, Request, SONARS};
 
 use super::pace::Pace;
 use crate::flash::Flash;
-use esm_toolkit::plant::{Plant, Pulse, RecordedRanges, SonarFault};
-
-/// A sonar that breaks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SonarBreak {
-    /// Which one, counter-clockwise from the one that looks ahead.
-    pub sonar: usize,
-    /// What breaks in it.
-    pub fault: SonarFault,
-    /// From this robot time on, in microseconds.
-    pub robot_us: u64,
-}
-
-/// What happens to the robot's body that its world knows nothing of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PlantFault {
-    /// From this robot time on, in microseconds, the plant answers every exchange with its last
-    /// answer before.
-    FrozenFrom {
-        /// Robot time in microseconds.
-        robot_us: u64,
-    },
-    /// From this robot time on the button of the emergency stop is pressed: it locks, as such
-    /// buttons do.
-    StopPressedFrom {
-        /// Robot time in microseconds.
-        robot_us: u64,
-    },
-}
+use esm_toolkit::plant::behind_pins::{BehindPins, PlantBehindPins};
+pub use esm_toolkit::plant::behind_pins::{PlantFault, SonarBreak};
+use esm_toolkit::plant::{Plant, Pulse, RecordedRanges};
 
 /// A plant behind a board's pins, shared by the thread that answers the board and the one that
 /// watches.
 #[derive(Clone)]
 pub struct PlantSide {
-    shared: Arc<Mutex<Shared>>,
+    shared: Arc<Mutex<PlantBehindPins>>,
     pace: Arc<Pace>,
     flash: Option<Flash>,
-}
-
-struct Shared {
-    plant: Plant,
-    fault: Option<PlantFault>,
-    /// Sonars that are still to break.
-    breaks: Vec<SonarBreak>,
-    last_reply: Reply,
-    until_us: Option<u64>,
-    /// Exchanges up to `until_us`.
-    exchanges: u64,
-    /// The plant as it was when robot time reached `until_us`.
-    at_end: Option<Box<Plant>>,
 }
 
 impl PlantSide {
     /// Puts `plant` at the pace of `pace`. Robot time is of interest up to `until_us`.
     pub fn new(plant: Plant, pace: Arc<Pace>, until_us: Option<u64>) -> Self {
         PlantSide {
-            shared: Arc::new(Mutex::new(Shared {
-                plant,
-                fault: None,
-                breaks: Vec::new(),
-                last_reply: Reply::default(),
-                until_us,
-                exchanges: 0,
-                at_end: None,
-            })),
+            shared: Arc::new(Mutex::new(PlantBehindPins::new(plant, until_us))),
             pace,
             flash: None,
         }
@@ -90,91 +43,51 @@ impl PlantSide {
 
     /// Lets this happen to the plant.
     pub fn inject(&self, fault: PlantFault) {
-        self.lock().fault = Some(fault);
+        self.lock().inject(fault);
     }
 
     /// Breaks these sonars, each at its time.
     pub fn break_sonars(&self, breaks: Vec<SonarBreak>) {
-        self.lock().breaks = breaks;
+        self.lock().break_sonars(breaks);
     }
 
     /// Lets the sonars measure what was recorded. Where that ends, the time of interest does,
     /// unless it ends before.
     pub fn measure_from(&self, ranges: RecordedRanges) {
-        self.lock().plant.measure_from(ranges);
+        self.lock().measure_from(ranges);
     }
 
     /// Robot time up to which there is interest, in microseconds, as far as that is known: set
     /// before robot time reaches it.
     pub fn until_us(&self) -> Option<u64> {
-        self.lock().until_us
+        self.lock().until_us()
     }
 
     /// Presses the button of the emergency stop from the next exchange on, or lets go of it.
     pub fn press_stop(&self, pressed: bool) {
-        self.lock().fault = pressed.then_some(PlantFault::StopPressedFrom { robot_us: 0 });
+        self.lock().press_stop(pressed);
     }
 
     /// One exchange with the board; waits first where robot time must not run ahead of the wall
     /// clock.
     pub fn exchange(&self, request: &Request) -> Reply {
         self.pace.reach(request.start_us);
-        let mut shared = self.lock();
-        if let Some(until_us) = shared.until_us
-            && request.start_us > until_us
-            && shared.at_end.is_none()
-        {
-            let mut plant = shared.plant.clone();
-            if request.effect_us <= until_us {
-                plant.advance_to(request.effect_us);
-                plant.apply(&request.actuators);
-            }
-            plant.advance_to(until_us);
-            shared.at_end = Some(Box::new(plant));
-        }
-        if shared.at_end.is_none() {
-            shared.exchanges += 1;
-        }
-        if let Some(PlantFault::FrozenFrom { robot_us }) = shared.fault
-            && request.start_us >= robot_us
-        {
-            return shared.last_reply;
-        }
-        let (now, later): (Vec<_>, Vec<_>) = (shared.breaks.drain(..))
-            .partition(|sonar_break| request.start_us >= sonar_break.robot_us);
-        shared.breaks = later;
-        for SonarBreak { sonar, fault, .. } in now {
-            shared.plant.break_sonar(sonar, fault);
-        }
-        shared.last_reply = shared.plant.exchange(request);
-        let ends_us = shared
-            .until_us
-            .into_iter()
-            .chain(shared.plant.recorded_end_us());
-        shared.until_us = ends_us.min();
-        if let Some(PlantFault::StopPressedFrom { robot_us }) = shared.fault {
-            shared.last_reply.sensors.stop_is_low = request.start_us >= robot_us;
-        }
-        shared.last_reply
+        self.lock().exchange(request)
     }
 
     /// What the sonars answer to their last triggers.
     pub fn pulses(&self) -> [Option<Pulse>; SONARS] {
-        self.lock().plant.pulses()
+        self.lock().plant().pulses()
     }
 
     /// The plant at the end of the time of interest, or as it is where that has not come yet.
     pub fn at_end(&self) -> Plant {
-        let shared = self.lock();
-        match &shared.at_end {
-            Some(plant) => (**plant).clone(),
-            None => shared.plant.clone(),
-        }
+        self.lock().at_end()
     }
 
     /// Exchanges in the time of interest: the slot activations that were executed, one each.
     pub fn exchanges(&self) -> u64 {
-        self.lock().exchanges
+        self.lock().exchanges()
     }
 
     /// The clock that this plant keeps.
@@ -184,8 +97,14 @@ impl PlantSide {
 
     /// A thread that panicked while it held the lock has left a plant between two of its steps,
     /// which still is one.
-    fn lock(&self) -> MutexGuard<'_, Shared> {
+    fn lock(&self) -> MutexGuard<'_, PlantBehindPins> {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl BehindPins for PlantSide {
+    fn exchange(&mut self, request: &Request) -> Reply {
+        PlantSide::exchange(self, request)
     }
 }
 

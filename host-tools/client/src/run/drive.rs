@@ -15,7 +15,6 @@ use thiserror::Error;
 use super::board::{Board, BoardError, LinkWay, RunningBoard};
 use super::by_hand::{ByHand, Telling};
 use super::mission::{Mission, hash_text};
-use super::story::{Story, Told, safe_reason};
 use super::summary::{EndPose, MissionSummary, Summary};
 use super::touches::TouchSummary;
 use crate::flash::Flash;
@@ -37,6 +36,7 @@ use esm_toolkit::recording::entered::Entered;
 use esm_toolkit::recording::file::Header;
 use esm_toolkit::recording::writer::{Counts, RecordingWriter};
 use esm_toolkit::schedule::handover::Handover;
+use esm_toolkit::story::{Story, Told, safe_reason};
 use esm_toolkit::world::World;
 
 /// How long a wait for the robot's next words may last.

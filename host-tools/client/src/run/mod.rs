@@ -5,12 +5,12 @@ pub mod by_hand;
 pub mod drive;
 pub mod in_memory;
 pub mod mission;
-pub mod story;
 pub mod summary;
 pub mod touches;
 
 pub use crate::interrupt;
 pub use esm_toolkit::recording::entered;
+pub use esm_toolkit::story;
 
 #[cfg(test)]
 mod tests;

@@ -16,7 +16,7 @@ use super::options::Options;
 use super::pack;
 use super::wires::{self, Board, Heading, NoWay, Terminal, Wiring};
 use crate::model::{
-    Container, Model, PathEnd, Region, Source, StateKind, Target, Transition, Trigger,
+    Container, Model, PathEnd, Region, Source, Span, StateKind, Target, Transition, Trigger,
 };
 
 /// Rows of a region's name.
@@ -53,6 +53,8 @@ pub struct Body {
 pub struct RegionPart {
     /// Its name.
     pub name: String,
+    /// The same as the source has it.
+    pub source_name: String,
     /// Where the name stands.
     pub name_area: Area,
     /// The states, `initial` and `final` included where they are used.
@@ -83,6 +85,8 @@ pub struct PlacedTransition {
     pub route: Vec<Spot>,
     /// Its label.
     pub label: Option<(Area, Vec<Line>)>,
+    /// Where the source has it.
+    pub span: Span,
 }
 
 /// A port on a net.
@@ -456,12 +460,14 @@ impl<'a> Workshop<'a> {
                 to,
                 route,
                 label: area.map(|area| (area, label)),
+                span: transition.span,
             });
         }
         let name = label::name(&region.name);
         let name_width = grid::cells(Line::words(name.as_ref()).width(label::REGION));
         let part = RegionPart {
             name: name.into_owned(),
+            source_name: region.name.clone(),
             name_area: Area::new([0, 0], [name_width, label::LINE_ROWS]),
             states: placed,
             transitions,

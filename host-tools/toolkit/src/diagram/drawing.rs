@@ -8,7 +8,7 @@ use super::body::{self, Body, NetEnd, PlacedState};
 use super::face::{Kind, Port, Side, heading_rows};
 use super::grid::{self, Area, Spot};
 use super::label::Line;
-use crate::model::Direction;
+use crate::model::{Direction, Span};
 
 /// A diagram, laid out.
 #[derive(Clone, Debug, Default)]
@@ -38,6 +38,10 @@ pub struct Placed {
     pub parent: Option<usize>,
     /// What it stands for.
     pub kind: Kind,
+    /// The path of the state in the machine, as traces have it; none of a container.
+    pub path: String,
+    /// Where the source declares it.
+    pub span: Option<Span>,
     /// Whether its inside is shown.
     pub is_open: bool,
     /// The name.
@@ -57,6 +61,8 @@ pub struct Arrow {
     pub route: Vec<Spot>,
     /// Its label.
     pub label: Option<(Area, Vec<Line>)>,
+    /// Where the source has it.
+    pub span: Span,
 }
 
 /// The name of a region.
@@ -129,6 +135,8 @@ impl Drawing {
                 area: Area::new(corner, body.size),
                 parent: None,
                 kind: Kind::Root,
+                path: String::new(),
+                span: None,
                 is_open: true,
                 name: name.clone(),
                 details: body.declarations.clone(),
@@ -186,7 +194,7 @@ impl Drawing {
             });
             let mut boxes = Vec::with_capacity(region.states.len());
             for state in &region.states {
-                boxes.push(self.add_state(owner, state, by));
+                boxes.push(self.add_state(owner, &region.source_name, state, by));
             }
             for transition in &region.transitions {
                 self.transitions.push(Arrow {
@@ -201,6 +209,7 @@ impl Drawing {
                         .label
                         .as_ref()
                         .map(|(area, lines)| (area.moved(by), lines.clone())),
+                    span: transition.span,
                 });
             }
             placed.push(boxes);
@@ -234,13 +243,26 @@ impl Drawing {
     }
 
     /// Adds a state with all that is in it; gives its box and its first port.
-    fn add_state(&mut self, parent: usize, state: &PlacedState, by: Spot) -> (usize, usize) {
+    fn add_state(
+        &mut self,
+        parent: usize,
+        region: &str,
+        state: &PlacedState,
+        by: Spot,
+    ) -> (usize, usize) {
         let (area, face) = (state.area.moved(by), &state.face);
+        let around = self.boxes.get(parent).map_or("", |it| it.path.as_str());
+        let path = match around {
+            "" => format!("{region}/{}", face.state),
+            around => format!("{around}/{region}/{}", face.state),
+        };
         let index = self.boxes.len();
         self.boxes.push(Placed {
             area,
             parent: Some(parent),
             kind: face.kind,
+            path,
+            span: face.span,
             is_open: state.inside.is_some(),
             name: face.name.clone(),
             details: face.details.clone(),

@@ -2,7 +2,7 @@
 
 use super::grid::{self, Area, LANE, Spot};
 use super::label::{self, Line, Piece, Symbol};
-use crate::model::{Container, DataPort, Direction, Model, SlotRef, State, StateKind, Value};
+use crate::model::{Container, DataPort, Direction, Model, SlotRef, Span, State, StateKind, Value};
 use crate::scenario::time::Time;
 
 /// Rows from one port to the next.
@@ -113,6 +113,10 @@ pub struct Face {
     pub kind: Kind,
     /// The name.
     pub name: Line,
+    /// The state's name in the source; `initial` and `final` of the marks.
+    pub state: String,
+    /// Where the source declares the state; of the marks nothing is declared.
+    pub span: Option<Span>,
     /// The lines below it; those of a superstate that shows its inside stand in the heading.
     pub details: Vec<Line>,
     /// The data ports.
@@ -131,6 +135,11 @@ impl Face {
         Face {
             kind,
             name: Line::default(),
+            state: match kind {
+                Kind::Final => "final".to_owned(),
+                _ => "initial".to_owned(),
+            },
+            span: None,
             details: Vec::new(),
             ports: Vec::new(),
             loops: Vec::new(),
@@ -151,6 +160,8 @@ impl Face {
         let mut face = Face {
             kind: Kind::Simple,
             name: Line::words(label::name(&state.name)),
+            state: state.name.clone(),
+            span: Some(state.span),
             details: Vec::new(),
             ports: Vec::new(),
             loops: Vec::new(),

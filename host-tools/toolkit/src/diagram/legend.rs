@@ -5,7 +5,7 @@ use super::face::{Kind, Side};
 use super::grid::{Area, CELL, Spot};
 use super::label::{self, Line, Piece, Symbol};
 use super::paint;
-use crate::model::Direction;
+use crate::model::{Direction, Span};
 use crate::pictures::scene::Scene;
 
 /// Cells of an entry: its sample, and the words beside it.
@@ -97,6 +97,8 @@ fn show(scene: &mut Scene, sample: Sample, [left, top]: Spot) {
                     ),
                     parent: None,
                     kind,
+                    path: String::new(),
+                    span: None,
                     is_open: false,
                     name: Line::default(),
                     details: Vec::new(),
@@ -111,6 +113,7 @@ fn show(scene: &mut Scene, sample: Sample, [left, top]: Spot) {
                 to: 0,
                 route: vec![[left, middle], [left + SAMPLE, middle]],
                 label: None,
+                span: Span::default(),
             },
         ),
         Sample::Data => {

@@ -104,7 +104,7 @@ pub enum DrawError {
 pub fn draw(model: &Model, options: &Options) -> Result<Scene, DrawError> {
     let drawing = lay_out(model, options)?;
     let roots = roots(model, options)?;
-    let mut scene = paint::paint(&drawing, &title(model, &roots));
+    let mut scene = paint::paint(&drawing, &title(model, &roots), options.parts);
     if options.notes {
         let levels = options.depth.unwrap_or(MAX_LEVELS);
         notes::add(&mut scene, model, &roots, levels.min(MAX_LEVELS));

@@ -13,6 +13,8 @@ pub struct Options {
     pub legend: bool,
     /// Whether what the `///` lines say stands below.
     pub notes: bool,
+    /// Whether states and transitions are parts of the picture that a page finds again.
+    pub parts: bool,
 }
 
 impl Default for Options {
@@ -23,6 +25,7 @@ impl Default for Options {
             data: true,
             legend: false,
             notes: false,
+            parts: false,
         }
     }
 }

@@ -9,7 +9,7 @@ use super::face::{self, DETAIL_ROWS, Kind, MARGIN, NAME_ROWS, PORT_NAME_GAP, Sid
 use super::grid::{self, Area, CELL, Spot};
 use super::label::{self, LINE_ROWS, Line, Piece, Symbol, Type};
 use crate::model::Direction;
-use crate::pictures::scene::{Anchor, Colour, Point, Scene, Shape, Stroke, Text};
+use crate::pictures::scene::{Anchor, Colour, Part, Point, Scene, Shape, Stroke, Text};
 
 pub(super) const INK: Colour = Colour::opaque(0x1a1a1a);
 const SOFT_INK: Colour = Colour::opaque(0x555555);
@@ -43,11 +43,17 @@ const ARROW_LENGTH: f32 = 7.5;
 const ARROW_HALF_WIDTH: f32 = 3.2;
 
 /// Paints a drawing.
-pub fn paint(drawing: &Drawing, title: &str) -> Scene {
+pub fn paint(drawing: &Drawing, title: &str, parts: bool) -> Scene {
     let [width, height] = grid::point(drawing.size);
     let mut scene = Scene::new(width, height, title);
     for placed in &drawing.boxes {
+        if parts {
+            scene.part(part_of_box(placed));
+        }
         paint_box(&mut scene, placed);
+    }
+    if parts {
+        scene.part(None);
     }
     for divider in &drawing.dividers {
         paint_border(&mut scene, divider.ends);
@@ -78,12 +84,47 @@ pub fn paint(drawing: &Drawing, title: &str) -> Scene {
         }
     }
     for arrow in &drawing.transitions {
+        if parts {
+            scene.part(Some(part_of_arrow(drawing, arrow)));
+        }
         paint_arrow(&mut scene, arrow);
+    }
+    if parts {
+        scene.part(None);
     }
     for (port, ink) in drawing.ports.iter().zip(inks) {
         paint_port(&mut scene, port, ink);
     }
     scene
+}
+
+/// A state as a part of the picture; none of a container, which is no state.
+fn part_of_box(placed: &Placed) -> Option<Part> {
+    let class = match placed.kind {
+        Kind::Root => return None,
+        Kind::Initial | Kind::Final => "mark",
+        Kind::Simple | Kind::Task => "state",
+        Kind::Super if placed.is_open => "state open",
+        Kind::Super => "state folded",
+    };
+    Some(Part {
+        class,
+        names: vec![placed.path.clone()],
+        place: placed.span.map(|span| [span.file, span.start]),
+    })
+}
+
+/// A transition as a part of the picture.
+fn part_of_arrow(drawing: &Drawing, arrow: &Arrow) -> Part {
+    let path = |index: usize| drawing.boxes.get(index).map(|it| it.path.clone());
+    Part {
+        class: "transition",
+        names: [arrow.from, arrow.to]
+            .into_iter()
+            .filter_map(path)
+            .collect(),
+        place: Some([arrow.span.file, arrow.span.start]),
+    }
 }
 
 /// Paints the border between two regions.

@@ -6,7 +6,7 @@ use super::face::{self, DETAIL_ROWS, FOOT_ROWS, Kind, NAME_ROWS, PORT_NAME_GAP, 
 use super::grid::{self, Area, LANE, Spot};
 use super::label::{self, Line, Piece, Symbol};
 use super::paint;
-use crate::model::{DataPort, Direction, Flag, Task};
+use crate::model::{DataPort, Direction, Flag, Span, Task};
 use crate::pictures::scene::Scene;
 use crate::scenario::time::Time;
 
@@ -67,6 +67,8 @@ pub fn draw(task: &Task, slot: Option<u32>) -> Scene {
         area,
         parent: None,
         kind: Kind::Task,
+        path: String::new(),
+        span: None,
         is_open: false,
         name,
         details,
@@ -196,6 +198,7 @@ fn paint_entry(scene: &mut Scene, entry: &Entry<'_>, area: Area) {
                 to: 0,
                 route,
                 label: None,
+                span: Span::default(),
             };
             paint::paint_arrow(scene, &arrow);
             write(scene, &entry.name, [inside, row]);

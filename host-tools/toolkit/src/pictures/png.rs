@@ -106,7 +106,7 @@ fn draw(pixmap: &mut Pixmap, shape: &Shape) {
             }
         }
         Shape::Text(text) => draw_text(pixmap, text),
-        Shape::Tooltip(_) => {}
+        Shape::Tooltip(_) | Shape::Part(_) => {}
     }
 }
 

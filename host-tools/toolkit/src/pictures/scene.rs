@@ -158,6 +158,20 @@ pub enum Shape {
     Text(Text),
     /// What a pointer that rests on the next shape is told (SVG only).
     Tooltip(String),
+    /// What the shapes up to the next of these are a part of; nothing where there is none (SVG
+    /// only).
+    Part(Option<Part>),
+}
+
+/// A part of a picture that a page finds again.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Part {
+    /// What kind of part it is.
+    pub class: &'static str,
+    /// What it is called: the path of a state, or source and target of a transition.
+    pub names: Vec<String>,
+    /// Index of its file, and its first byte there.
+    pub place: Option<[u32; 2]>,
 }
 
 impl Shape {
@@ -176,7 +190,7 @@ impl Shape {
             Shape::Rounded { corner: place, .. }
             | Shape::Circle { centre: place, .. }
             | Shape::Text(Text { at: place, .. }) => place[1] += down,
-            Shape::Tooltip(_) => {}
+            Shape::Tooltip(_) | Shape::Part(_) => {}
         }
         self
     }
@@ -287,6 +301,11 @@ impl Scene {
         self.height += other.height;
         let moved = other.shapes.into_iter().map(|shape| shape.lower(top));
         self.shapes.extend(moved);
+    }
+
+    /// Says what the shapes from here on are a part of.
+    pub fn part(&mut self, part: Option<Part>) {
+        self.shapes.push(Shape::Part(part));
     }
 
     /// Says what the next shape is, to a pointer that rests on it.

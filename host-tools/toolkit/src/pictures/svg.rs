@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::font::{self, Weight};
-use super::scene::{self, Anchor, Colour, Leg, Point, Scene, Shape, Stroke, Text};
+use super::scene::{self, Anchor, Colour, Leg, Part, Point, Scene, Shape, Stroke, Text};
 
 /// The embedded font first, then what readers have that is of about the same width.
 const FONT_FAMILY: &str = "'Noto Sans','Open Sans','DejaVu Sans',Verdana,sans-serif";
@@ -30,7 +30,18 @@ impl Scene {
             "<rect width=\"{width}\" height=\"{height}\" fill=\"#ffffff\"/>"
         )?;
         let mut tooltip = None;
+        let mut is_in_part = false;
         for shape in &self.shapes {
+            if let Shape::Part(part) = shape {
+                if std::mem::take(&mut is_in_part) {
+                    writeln!(svg, "</g>")?;
+                }
+                if let Some(part) = part {
+                    write_part(svg, part)?;
+                    is_in_part = true;
+                }
+                continue;
+            }
             if let Shape::Tooltip(words) = shape {
                 tooltip = Some(words);
                 continue;
@@ -47,8 +58,23 @@ impl Scene {
                 }
             }
         }
+        if is_in_part {
+            writeln!(svg, "</g>")?;
+        }
         writeln!(svg, "</svg>")
     }
+}
+
+/// Begins a part.
+fn write_part(svg: &mut String, part: &Part) -> std::fmt::Result {
+    write!(svg, "<g class=\"{}\"", part.class)?;
+    for (attribute, name) in ["data-path", "data-to"].iter().zip(&part.names) {
+        write!(svg, " {attribute}=\"{}\"", Escaped(name))?;
+    }
+    if let Some([file, start]) = part.place {
+        write!(svg, " data-file=\"{file}\" data-start=\"{start}\"")?;
+    }
+    writeln!(svg, ">")
 }
 
 fn write_shape(svg: &mut String, shape: &Shape) -> std::fmt::Result {
@@ -134,7 +160,7 @@ fn write_shape(svg: &mut String, shape: &Shape) -> std::fmt::Result {
             write!(svg, "/>")
         }
         Shape::Text(text) => write_text(svg, text),
-        Shape::Tooltip(_) => Ok(()),
+        Shape::Tooltip(_) | Shape::Part(_) => Ok(()),
     }
 }
 

@@ -20,6 +20,7 @@
 //! | 3 | auxiliary output 0 looped back: full scale while it is high, else 0 |
 //! | 4, 5, 6 | the floor's darkness under the left, middle and right line sensor |
 
+pub mod behind_pins;
 mod drive;
 mod floor;
 mod free_way;

@@ -7,6 +7,7 @@
 //! macro step. A [`player`] runs those through `esm-core`'s interpreter, so that their trace is
 //! that of the robot, line by line. A [`walk`] goes through them micro step by micro step.
 
+pub mod choices;
 pub mod entered;
 pub mod file;
 pub mod limits;
@@ -18,6 +19,7 @@ pub mod told;
 pub mod walk;
 pub mod writer;
 
+mod choosing;
 mod condense;
 #[cfg(any(test, feature = "samples"))]
 #[allow(

@@ -10,6 +10,7 @@ use std::rc::Rc;
 use esm_core::tables::{Code, Guard, StateKind, Tables};
 use esm_core::{Fault, Interpreter, Observer, TransitionTaken, format};
 
+use super::choices::{Choice, MicroStep};
 use super::player::RecordedMission;
 use crate::inspect::guards::{GuardReader, Read};
 use crate::trace::directory::Directory;
@@ -238,6 +239,41 @@ impl<'m> Retold<'m> {
         let term = |term: &Read| (term.name.clone(), self.is_set(region, term.bit));
         let terms = guard.terms.iter().map(term).collect();
         (guard.text, terms)
+    }
+
+    /// What there is to choose from in a micro step, before its transitions are taken.
+    pub(super) fn choices(
+        &self,
+        micro: usize,
+        is_taken: impl Fn(usize, usize) -> bool,
+    ) -> MicroStep {
+        let channel = self.queue.get(micro).and_then(|queued| queued.channel);
+        let channel = channel.and_then(|channel| self.tables.channel(channel));
+        let event = channel.map_or(format::PULSE, |channel| channel.event);
+        let choices = self.active_regions().into_iter().flat_map(|region| {
+            let transitions = self.tables.transitions_of(self.current(region));
+            let hears = channel.is_none_or(|channel| self.tables.is_listening(&channel, region));
+            let is_taken = &is_taken;
+            transitions.filter_map(move |transition| {
+                let words = self.directory.transition(region, transition)?;
+                let own = self.tables.transition(transition)?.event;
+                let (guard, terms) = self.guard(region, transition);
+                Some(Choice {
+                    from: words.from.to_owned(),
+                    to: words.to.to_owned(),
+                    event: words.event.to_owned(),
+                    is_heard: own == event && hears,
+                    guard,
+                    terms,
+                    holds: self.holds(region, transition),
+                    is_taken: is_taken(region, transition),
+                })
+            })
+        });
+        MicroStep {
+            event: self.directory.event(event).to_owned(),
+            choices: choices.collect(),
+        }
     }
 
     fn passed(&self, region: usize, transition: usize) -> Vec<Passed> {

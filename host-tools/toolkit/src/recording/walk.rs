@@ -13,6 +13,8 @@ use std::rc::Rc;
 use esm_core::{Fault, TransitionTaken};
 use thiserror::Error;
 
+use super::choices::Choices;
+use super::choosing::choices_of;
 use super::limits::TooMuch;
 use super::player::{LastStep, Player, Position, RecordedMission, Recording, ReplayError};
 use super::retold::{MadeStep, MicroSteps, Retold, begun, step_words};
@@ -291,6 +293,27 @@ impl<'r> Walk<'r> {
         });
         self.steps = steps;
         self.loaded = Some(chunk);
+    }
+
+    /// What there was to choose from in the last macro step at or before a time, in microseconds
+    /// since the first macro step of the first mission; none before that.
+    pub fn choices_at(&self, t_us: u64) -> Option<Choices> {
+        let chunk = self.chunks.iter().rposition(|chunk| chunk.t_us <= t_us)?;
+        let number = self.chunks.get(chunk)?.stretch;
+        let stretch = self.recording.stretches.get(number)?;
+        let (mission, guards) = self.mission_of(number)?;
+        let at_us = |step| time_of(stretch.start_us, step, period_us(mission));
+        let mut last = None;
+        self.run(chunk, |made, _, _| {
+            let goes_on = at_us(made.step) <= t_us;
+            if goes_on {
+                last = Some(made);
+            }
+            goes_on
+        });
+        let made = last?;
+        let mut retold = Retold::new(mission, Rc::clone(guards));
+        Some(choices_of(&mut retold, &made, (number, at_us(made.step))))
     }
 
     /// How many moments there are.

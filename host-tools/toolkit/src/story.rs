@@ -11,11 +11,11 @@ use esm_link::trace::{EMERGENCY, TraceEvent};
 use esm_link::trial::FallBackReason;
 
 use crate::behaviour_words::{behaviour, came_up, change, corrected, reaction, situation, state};
-use esm_toolkit::pictures::{Mark, MissionStates, StatesRecorder};
-use esm_toolkit::recording::file::BackgroundRunEnd;
-use esm_toolkit::trace::Snapshot;
-use esm_toolkit::trace::directory::Directory;
-use esm_toolkit::trace::records::{Ended, RecordTrace};
+use crate::pictures::{Mark, MissionStates, StatesRecorder};
+use crate::recording::file::BackgroundRunEnd;
+use crate::trace::Snapshot;
+use crate::trace::directory::Directory;
+use crate::trace::records::{Ended, RecordTrace};
 
 /// Follows the records of a run, mission after mission.
 pub struct Story<W> {
@@ -29,6 +29,7 @@ pub struct Story<W> {
     /// Robot time at which the mission that runs had reached all its final states.
     finished_us: Option<u64>,
     ended: bool,
+    has_stepped: bool,
 }
 
 /// What the trace is written to: at rest between missions, else in the hands of one.
@@ -90,6 +91,7 @@ impl<W: Write> Story<W> {
             fault: None,
             finished_us: None,
             ended: false,
+            has_stepped: false,
         }
     }
 
@@ -145,6 +147,7 @@ impl<W: Write> Story<W> {
         record: &TraceEvent<'_>,
         tell: &mut dyn FnMut(String),
     ) -> io::Result<()> {
+        self.has_stepped = false;
         let Scene::Playing(playing) = &mut self.scene else {
             return Ok(());
         };
@@ -235,6 +238,7 @@ impl<W: Write> Story<W> {
         match playing.trace.record(record)? {
             Some(Ended::Step(at)) => {
                 self.counts.macro_steps += 1;
+                self.has_stepped = true;
                 playing.next_step = at.step + 1;
                 playing.states.step(at.t_us, playing.trace.states());
                 let states = playing.trace.states();
@@ -284,6 +288,30 @@ impl<W: Write> Story<W> {
             Scene::Playing(playing) => Some(playing.next_step),
             Scene::Empty(_) | Scene::Changing => None,
         }
+    }
+
+    /// Robot time of the macro step that is told, in microseconds.
+    pub fn now_us(&self) -> Option<u64> {
+        match &self.scene {
+            Scene::Playing(playing) => Some(playing.robot_us_of(playing.next_step)),
+            Scene::Empty(_) | Scene::Changing => None,
+        }
+    }
+
+    /// Whether the last record ended a macro step.
+    pub fn has_stepped(&self) -> bool {
+        self.has_stepped
+    }
+
+    /// Paths of the states that are current behind the last macro step that was told.
+    pub fn active(&self) -> Vec<String> {
+        let Scene::Playing(playing) = &self.scene else {
+            return Vec::new();
+        };
+        let states = playing.trace.states();
+        let active = playing.directory.active(|region| states.current(region));
+        let paths = active.filter_map(|id| playing.directory.state(id));
+        paths.map(|state| state.path.clone()).collect()
     }
 
     /// What stopped the mission that runs, if anything did.

@@ -7,38 +7,40 @@ use rt_firmware::body::{Freshness, PinImage, PlantExchange, StopPin};
 use rt_firmware::drivers::StopButton;
 use rt_firmware::{ActivationStart, Background, Board};
 
-use crate::lockstep::plant_side::PlantSide;
-use esm_toolkit::recording::entered::Entered;
+use crate::plant::behind_pins::BehindPins;
+use crate::recording::entered::Entered;
 
 /// Where runs of background tasks ended in an earlier run: mission and activation, in order.
-pub(super) struct RecordedEnds(VecDeque<(u32, u64)>);
+pub struct RecordedEnds(VecDeque<(u32, u64)>);
 
 impl RecordedEnds {
-    pub(super) fn of(entered: &Entered) -> Self {
+    /// Those of a run.
+    pub fn of(entered: &Entered) -> Self {
         let ends = entered.ends.iter();
         RecordedEnds(ends.map(|end| (end.mission, end.activation)).collect())
     }
 }
 
 /// Time, pins and background of a host board. A tick of its clock is a microsecond.
-pub(super) struct Body<'p, 'q, 'm> {
+pub struct Body<'p, 'q, 'm, P> {
     now_us: u64,
     /// The board's time when robot time was 0; known from the first activation on.
     robot_start_us: Option<u64>,
     pins: &'p PinImage,
     stop_button: StopButton<StopPin<'p>>,
     exchange: PlantExchange,
-    plant: PlantSide,
+    plant: P,
     background: Background<'q, 'm>,
     ends: Option<RecordedEnds>,
     /// Missions that have started.
     missions: u32,
 }
 
-impl<'p, 'q, 'm> Body<'p, 'q, 'm> {
-    pub(super) fn new(
+impl<'p, 'q, 'm, P> Body<'p, 'q, 'm, P> {
+    /// A body before its first activation.
+    pub fn new(
         pins: &'p PinImage,
-        plant: PlantSide,
+        plant: P,
         background: Background<'q, 'm>,
         ends: Option<RecordedEnds>,
     ) -> Self {
@@ -56,24 +58,29 @@ impl<'p, 'q, 'm> Body<'p, 'q, 'm> {
     }
 
     /// Robot time at a time of the board's clock; 0 as long as there is none.
-    pub(super) fn robot_us_at(&self, board_us: u64) -> u64 {
+    pub fn robot_us_at(&self, board_us: u64) -> u64 {
         self.robot_start_us
             .map_or(0, |start_us| board_us.saturating_sub(start_us))
     }
 
+    /// What is behind the pins.
+    pub fn plant(&mut self) -> &mut P {
+        &mut self.plant
+    }
+
     /// The board's time.
-    pub(super) fn now_us(&self) -> u64 {
+    pub fn now_us(&self) -> u64 {
         self.now_us
     }
 
     /// Lets virtual time pass.
-    pub(super) fn pass_time_to(&mut self, board_us: u64) {
+    pub fn pass_time_to(&mut self, board_us: u64) {
         self.now_us = self.now_us.max(board_us);
     }
 
     /// Gives background tasks the time that is left before the next slot, unless a recording says
     /// when they end.
-    pub(super) fn run_background(&mut self, steps: u32) {
+    pub fn run_background(&mut self, steps: u32) {
         if self.ends.is_none() {
             for _ in 0..steps {
                 if !self.background.poll() {
@@ -101,7 +108,7 @@ impl<'p, 'q, 'm> Body<'p, 'q, 'm> {
     }
 }
 
-impl Board for Body<'_, '_, '_> {
+impl<P: BehindPins> Board for Body<'_, '_, '_, P> {
     const TICKS_PER_US: u32 = 1;
 
     fn now_ticks(&mut self) -> u64 {

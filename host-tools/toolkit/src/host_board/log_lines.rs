@@ -79,19 +79,19 @@ impl Log for ToTheLink {
 }
 
 /// Takes the log macros of this process over, where nobody has before.
-pub(super) fn install() {
+pub fn install() {
     if log::set_logger(&ToTheLink).is_ok() {
         log::set_max_level(LevelFilter::Info);
     }
 }
 
 /// Takes bytes off this thread's log; answers how many.
-pub(super) fn take(room: &mut [u8]) -> usize {
+pub fn take(room: &mut [u8]) -> usize {
     KEPT.with_borrow_mut(|kept| kept.take(room))
 }
 
 /// Lines of this thread's log that found no room and stood before the bytes that were taken last.
-pub(super) fn dropped() -> u32 {
+pub fn dropped() -> u32 {
     KEPT.with_borrow(|kept| kept.dropped)
 }
 

@@ -64,7 +64,7 @@ const EVENT_BYTES: usize = 64;
 
 /// What streams brought, until somebody fetches it. What there is no room for is told as missing.
 #[derive(Debug, Default)]
-pub(super) struct Waiting {
+pub struct Waiting {
     events: Vec<StreamEvent>,
     bytes: usize,
     /// Events that there was no room for, by their channel.
@@ -73,7 +73,8 @@ pub(super) struct Waiting {
 }
 
 impl Waiting {
-    pub(super) fn push(&mut self, event: StreamEvent) {
+    /// Keeps an event.
+    pub fn push(&mut self, event: StreamEvent) {
         self.bytes += EVENT_BYTES + bytes_of(&event);
         self.is_full |= self.bytes > MAX_WAITING_BYTES;
         if !self.is_full {
@@ -100,7 +101,7 @@ impl Waiting {
     }
 
     /// All of it.
-    pub(super) fn take(&mut self) -> Vec<StreamEvent> {
+    pub fn take(&mut self) -> Vec<StreamEvent> {
         let Waiting {
             mut events,
             left_out,
@@ -128,7 +129,7 @@ fn bytes_of(event: &StreamEvent) -> usize {
 
 /// Puts the parts of one stream together.
 #[derive(Debug)]
-pub(super) struct Assembler {
+pub struct Assembler {
     channel: Channel,
     next_part: Option<u8>,
     dropped: u32,
@@ -139,7 +140,8 @@ pub(super) struct Assembler {
 }
 
 impl Assembler {
-    pub(super) fn new(channel: Channel) -> Self {
+    /// Of a channel of which nothing has come yet.
+    pub fn new(channel: Channel) -> Self {
         Assembler {
             channel,
             next_part: None,
@@ -150,7 +152,7 @@ impl Assembler {
     }
 
     /// Takes the next part that came and adds what is complete to `events`.
-    pub(super) fn take(&mut self, part: &Stream<'_>, events: &mut Waiting) {
+    pub fn take(&mut self, part: &Stream<'_>, events: &mut Waiting) {
         let lost_parts = match self.next_part {
             Some(expected) => u32::from(part.seq.wrapping_sub(expected)),
             None => {

@@ -1,0 +1,244 @@
+//! The server of the page: on the loopback alone, for who has the token, and for the page itself.
+
+use std::io;
+use std::net::Ipv4Addr;
+use std::time::Duration;
+
+use tiny_http::{Header, Method, Request, Response, Server, StatusCode};
+
+use super::site::Site;
+
+/// How often is looked whether it is to end.
+const LOOK_INTERVAL: Duration = Duration::from_millis(50);
+
+/// Bytes of the token: nobody guesses so many.
+const TOKEN_BYTES: usize = 16;
+
+/// What the page may do: run what comes from here, and nothing else.
+const POLICY: &str = "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; \
+     base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'";
+
+/// Headers of each answer.
+const HEADERS: [(&str, &str); 6] = [
+    ("Content-Security-Policy", POLICY),
+    ("X-Content-Type-Options", "nosniff"),
+    ("Referrer-Policy", "no-referrer"),
+    ("Cross-Origin-Opener-Policy", "same-origin"),
+    ("Cross-Origin-Resource-Policy", "same-origin"),
+    ("Cache-Control", "no-store"),
+];
+
+/// What is asked for, as far as it decides the answer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Asked<'a> {
+    is_read: bool,
+    path: &'a str,
+    host: Option<&'a str>,
+    origin: Option<&'a str>,
+}
+
+/// What is answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Answer<'a> {
+    /// The file of this name.
+    File(&'a str),
+    /// Who asks is none of those whom this is for.
+    Forbidden,
+    /// There is no such thing.
+    NotFound,
+    /// Nothing here is written to.
+    NotAllowed,
+}
+
+/// Who may ask, and under which address.
+#[derive(Clone, Debug)]
+struct Door {
+    token: String,
+    hosts: [String; 2],
+}
+
+impl Door {
+    fn new(token: String, port: u16) -> Self {
+        Door {
+            token,
+            hosts: [format!("127.0.0.1:{port}"), format!("localhost:{port}")],
+        }
+    }
+
+    /// A page of another origin, or one that another name was bent to this address for, gets
+    /// nothing, whatever it knows.
+    fn answer<'a>(&self, asked: &Asked<'a>) -> Answer<'a> {
+        let is_known = |host: &str| self.hosts.iter().any(|known| known == host);
+        let is_own = |origin: &str| origin.strip_prefix("http://").is_some_and(is_known);
+        if !asked.host.is_some_and(is_known) || !asked.origin.is_none_or(is_own) {
+            return Answer::Forbidden;
+        }
+        let path = asked.path.split(['?', '#']).next().unwrap_or_default();
+        let name = (path.strip_prefix('/')).and_then(|rest| rest.strip_prefix(&self.token));
+        match name.and_then(|rest| rest.strip_prefix('/')) {
+            None => Answer::Forbidden,
+            Some(_) if !asked.is_read => Answer::NotAllowed,
+            Some(name) => Answer::File(name),
+        }
+    }
+}
+
+/// A server that listens.
+pub struct Listener {
+    server: Server,
+    door: Door,
+    port: u16,
+}
+
+impl Listener {
+    /// Listens at a port of the loopback; at any that is free, for 0.
+    ///
+    /// # Errors
+    /// The port is taken, or the system has no random bytes.
+    pub fn bind(port: u16) -> io::Result<Self> {
+        let server = Server::http((Ipv4Addr::LOCALHOST, port)).map_err(|error| match error
+            .downcast::<io::Error>()
+        {
+            Ok(error) => *error,
+            Err(error) => io::Error::other(error),
+        })?;
+        let port = server.server_addr().to_ip().map_or(port, |at| at.port());
+        let mut random = [0; TOKEN_BYTES];
+        getrandom::fill(&mut random).map_err(io::Error::other)?;
+        let token = random.iter().map(|byte| format!("{byte:02x}")).collect();
+        Ok(Listener {
+            server,
+            door: Door::new(token, port),
+            port,
+        })
+    }
+
+    /// The address of the page.
+    pub fn address(&self) -> String {
+        format!("http://127.0.0.1:{}/{}/", self.port, self.door.token)
+    }
+
+    /// Serves the page until it is to end.
+    ///
+    /// # Errors
+    /// The system takes the port away.
+    pub fn serve(&self, site: &Site, is_over: impl Fn() -> bool) -> io::Result<()> {
+        while !is_over() {
+            if let Some(request) = self.server.recv_timeout(LOOK_INTERVAL)? {
+                // Whoever asked may have gone.
+                let _ = self.respond(request, site);
+            }
+        }
+        Ok(())
+    }
+
+    fn respond(&self, request: Request, site: &Site) -> io::Result<()> {
+        let header = |name: &'static str| {
+            let mut headers = request.headers().iter();
+            let found = headers.find(|header| header.field.equiv(name));
+            found.map(|header| header.value.as_str())
+        };
+        let asked = Asked {
+            is_read: matches!(request.method(), Method::Get | Method::Head),
+            path: request.url(),
+            host: header("Host"),
+            origin: header("Origin"),
+        };
+        let (status, kind, bytes) = match self.door.answer(&asked) {
+            Answer::File(name) => match site.file(name) {
+                Some((kind, bytes)) => (200, kind, bytes),
+                None => refusal(Answer::NotFound),
+            },
+            other => refusal(other),
+        };
+        let mut response = Response::from_data(bytes).with_status_code(StatusCode(status));
+        for (name, value) in HEADERS.into_iter().chain([("Content-Type", kind)]) {
+            // All of these are headers.
+            if let Ok(header) = Header::from_bytes(name, value) {
+                response.add_header(header);
+            }
+        }
+        request.respond(response)
+    }
+}
+
+fn refusal(answer: Answer<'_>) -> (u16, &'static str, &'static [u8]) {
+    const KIND: &str = "text/plain; charset=utf-8";
+    match answer {
+        Answer::NotFound | Answer::File(_) => (404, KIND, b"there is no such file here\n"),
+        Answer::NotAllowed => (405, KIND, b"nothing here is written to\n"),
+        Answer::Forbidden => (
+            403,
+            KIND,
+            b"open the address that `esm studio` has printed, with all that is in it\n",
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_page_itself_gets_an_answer() {
+        let door = Door::new("secret".to_owned(), 4000);
+        let ask = |path, host, origin| {
+            door.answer(&Asked {
+                is_read: true,
+                path,
+                host,
+                origin,
+            })
+        };
+        let here = Some("127.0.0.1:4000");
+        for (path, host, origin, expected) in [
+            ("/secret/", here, None, Answer::File("")),
+            ("/secret/a.js?x", here, None, Answer::File("a.js")),
+            ("/secret/", Some("localhost:4000"), None, Answer::File("")),
+            (
+                "/secret/",
+                here,
+                Some("http://127.0.0.1:4000"),
+                Answer::File(""),
+            ),
+            ("/", here, None, Answer::Forbidden),
+            ("/secret", here, None, Answer::Forbidden),
+            ("/secre/", here, None, Answer::Forbidden),
+            ("//secret/", here, None, Answer::Forbidden),
+            ("/secret/", None, None, Answer::Forbidden),
+            (
+                "/secret/",
+                Some("evil.example:4000"),
+                None,
+                Answer::Forbidden,
+            ),
+            ("/secret/", Some("127.0.0.1:4001"), None, Answer::Forbidden),
+            (
+                "/secret/",
+                here,
+                Some("http://evil.example"),
+                Answer::Forbidden,
+            ),
+            ("/secret/", here, Some("null"), Answer::Forbidden),
+            (
+                "/secret/",
+                here,
+                Some("https://127.0.0.1:4000"),
+                Answer::Forbidden,
+            ),
+        ] {
+            assert_eq!(
+                ask(path, host, origin),
+                expected,
+                "{path} {host:?} {origin:?}"
+            );
+        }
+        let written = door.answer(&Asked {
+            is_read: false,
+            path: "/secret/",
+            host: here,
+            origin: None,
+        });
+        assert_eq!(written, Answer::NotAllowed);
+    }
+}

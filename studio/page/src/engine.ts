@@ -1,0 +1,77 @@
+/** The page's side of the engine: workers that are called, and started again when they end. */
+import type { Call, FromWorker } from "./protocol";
+
+let module: Promise<WebAssembly.Module> | undefined;
+
+/** The engine's module. It is kept compressed, so that any static server will do. */
+function compiled(): Promise<WebAssembly.Module> {
+  module ??= (async () => {
+    const answer = await fetch("engine.wasm.gz");
+    if (!answer.ok) throw new Error(`engine.wasm.gz: ${answer.status}`);
+    const bytes = new Uint8Array(await answer.arrayBuffer());
+    const isPacked = bytes[0] === 0x1f && bytes[1] === 0x8b;
+    if (!isPacked) return WebAssembly.compile(bytes);
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return WebAssembly.compile(await new Response(stream).arrayBuffer());
+  })();
+  return module;
+}
+
+/** What the engine refuses, in its words. */
+export class Refused extends Error {}
+
+/** A worker with an instance. */
+export class Engine {
+  private worker!: Worker;
+  private open = new Map<number, { done: (value: never) => void; failed: (error: Error) => void }>();
+  private next = 0;
+
+  /** `ended` hears when the instance has ended and another one was started. */
+  constructor(private ended: (words: string) => void) {
+    this.start();
+  }
+
+  private start(): void {
+    this.worker = new Worker(new URL("worker.js", document.baseURI), { type: "module" });
+    this.worker.onmessage = ({ data }: MessageEvent<FromWorker>) => this.hear(data);
+    const worker = this.worker;
+    compiled().then(
+      (module) => worker.postMessage({ module }),
+      (error) => this.end(String(error)),
+    );
+  }
+
+  private hear(answer: FromWorker): void {
+    const open = this.open.get(answer.id);
+    this.open.delete(answer.id);
+    if ("ok" in answer) open?.done(answer.ok as never);
+    else if ("error" in answer) open?.failed(new Refused(answer.error));
+    else {
+      open?.failed(new Refused(answer.ended));
+      this.end(answer.ended);
+      this.start();
+    }
+  }
+
+  private end(words: string): void {
+    this.worker.terminate();
+    for (const { failed } of this.open.values()) failed(new Refused(words));
+    this.open.clear();
+    this.ended(words);
+  }
+
+  call<T>(request: Call): Promise<T> {
+    const id = this.next++;
+    return new Promise<T>((done, failed) => {
+      this.open.set(id, { done: done as (value: never) => void, failed });
+      this.worker.postMessage({ id, request });
+    });
+  }
+
+  /** Lets go of the instance and its memory. */
+  close(): void {
+    this.worker.terminate();
+    for (const { failed } of this.open.values()) failed(new Refused("closed"));
+    this.open.clear();
+  }
+}

@@ -1,0 +1,138 @@
+// Holds the engine of the page against the command: `node test/traces.mjs ESM ROOT DIST`.
+// All missions that ship, and all worlds: the same trace, byte for byte, and the same diagnostics.
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { basename, join } from "node:path";
+import { instance, moduleOf, texts } from "./engine.mjs";
+
+const [esm, root, dist] = process.argv.slice(2);
+const folder = join(root, "missions");
+const files = texts(folder, ".esm");
+const worlds = texts(folder, ".world");
+const module = await moduleOf(dist);
+const out = mkdtempSync(join(tmpdir(), "studio-"));
+let passed = 0;
+let failed = 0;
+
+function check(name, run) {
+  try {
+    run();
+    passed += 1;
+  } catch (error) {
+    failed += 1;
+    console.error(`FAILED ${name}: ${String(error.message ?? error).slice(0, 600)}`);
+  }
+}
+
+function command(words) {
+  try {
+    return { status: 0, out: execFileSync(esm, words, { cwd: root, encoding: "utf8", stdio: ["ignore", "pipe", "pipe"] }) };
+  } catch (error) {
+    return { status: error.status, out: error.stdout, words: error.stderr };
+  }
+}
+
+function pageRun(plan) {
+  const call = instance(module);
+  call({ call: "files", files: plan.files ?? files });
+  call({ call: "start", seed: 1, ...plan });
+  // In slices, as the page does.
+  for (let to_us = 3_000_000; ; to_us += 3_000_000) {
+    const part = call({ call: "go_on", to_us });
+    if (!part.goes_on) return { ...part, call };
+  }
+}
+
+/** The first line in which two traces differ. */
+function same(page, command) {
+  if (page === command) return;
+  const [a, b] = [page.split("\n"), command.split("\n")];
+  const at = a.findIndex((line, index) => line !== b[index]);
+  assert.fail(`the traces differ in line ${at + 1} of ${a.length} and ${b.length}:\npage    ${a[at]}\ncommand ${b[at]}`);
+}
+
+const trace = join(out, "trace.jsonl");
+const isMission = (path) => /machine\s+\w+\s*\{/.test(files[path]) && !path.includes("/solutions/");
+const runs = Object.keys(files).filter(isMission).map((path) => [path, "office"]);
+for (const world of Object.keys(worlds)) runs.push(["/missions/patrol.esm", basename(world, ".world")]);
+for (const [path, world] of runs) {
+  check(`${path} in ${world}`, () => {
+    const until_s = 12;
+    const onDisk = join(root, path);
+    const place = join(folder, "worlds", `${world}.world`);
+    const run = command(["run", onDisk, "--board", "host", "--world", place, "--until", `${until_s} s`, "--trace", trace]);
+    const page = pageRun({ path, world: worlds[`/missions/worlds/${world}.world`], until_us: until_s * 1e6 });
+    assert.ok(run.status <= 1, `esm run ended with ${run.status}: ${run.words}`);
+    same(page.end.trace, readFileSync(trace, "utf8"));
+    assert.ok(page.end.macro_steps > 0);
+  });
+}
+
+check("a sonar that dies, and the emergency stop", () => {
+  const words = ["--break", "sonar 0 dead at 2500 ms", "--estop", "8 s", "--until", "10 s", "--trace", trace];
+  command(["run", "missions/patrol.esm", "--board", "host", ...words]);
+  const page = pageRun({
+    path: "/missions/patrol.esm", world: worlds["/missions/worlds/office.world"], until_us: 10e6,
+    breaks: [{ sonar: 0, fault: "dead", at_us: 2_500_000 }], stop_at_us: 8_000_000,
+  });
+  same(page.end.trace, readFileSync(trace, "utf8"));
+});
+
+check("a changed mission that takes over warm", () => {
+  const changed = join(out, "changed.esm");
+  const text = files["/missions/patrol.esm"].replace("timeout 4 s", "timeout 3 s").replace('use "rover.esm"', `use "${join(folder, "rover.esm")}"`);
+  writeFileSync(changed, text);
+  const words = ["--link", "uart", "--warm", "--then", `5 s ${changed}`, "--until", "9 s", "--trace", trace];
+  const run = command(["run", "missions/patrol.esm", "--board", "host", ...words]);
+  assert.equal(run.status, 0, run.words);
+  const plan = {
+    path: "/missions/patrol.esm", world: worlds["/missions/worlds/office.world"], until_us: 9e6,
+    then: [{ at_us: 5_000_000, path: "/change1/missions/patrol.esm", warm: true }],
+  };
+  const all = { ...files, "/change1/missions/patrol.esm": text.replace(`use "${join(folder, "rover.esm")}"`, 'use "rover.esm"'), "/change1/missions/rover.esm": files["/missions/rover.esm"] };
+  const page = pageRun({ ...plan, files: all });
+  same(page.end.trace, readFileSync(trace, "utf8"));
+  assert.ok(page.carried[1] > 0, "regions that went on as they were");
+});
+
+check("what is said of a mission with mistakes", () => {
+  const broken = join(out, "broken.esm");
+  const text = files["/missions/patrol.esm"].replace("state Pause", "state Pauze").replace('use "rover.esm"', `use "${join(folder, "rover.esm")}"`);
+  writeFileSync(broken, text);
+  const run = command(["check", broken, "--json"]);
+  assert.equal(run.status, 1);
+  const told = run.out.trim().split("\n").map((line) => JSON.parse(line));
+  const call = instance(module);
+  const inPage = text.replace(`use "${join(folder, "rover.esm")}"`, 'use "rover.esm"');
+  call({ call: "files", files: { ...files, "/missions/broken.esm": inPage } });
+  const page = call({ call: "build", path: "/missions/broken.esm" }).diagnostics;
+  const plain = ({ code, line, col, message }) => ({ code, line, col, message });
+  assert.deepEqual(page.map(plain), told.map(plain));
+  assert.equal(call({ call: "draw", path: "/missions/broken.esm" }).svg, null);
+});
+
+check("guards at a moment", () => {
+  const page = pageRun({ path: "/missions/patrol.esm", world: worlds["/missions/worlds/office.world"], until_us: 12e6 });
+  const taken = page.end.trace.split("\n").filter(Boolean).map((line) => JSON.parse(line)).filter((line) => line.kind === "transition");
+  assert.ok(taken.length > 3);
+  for (const line of taken) {
+    const choices = page.call({ call: "choices", t_us: line.t_us });
+    assert.equal(choices.step, line.step);
+    const chosen = choices.micro_steps[line.micro].choices.filter((it) => it.taken);
+    const found = chosen.find((it) => it.from === line.from && it.to === line.to);
+    assert.ok(found && found.holds && found.heard, `${line.from} -> ${line.to} at ${line.t_us}`);
+  }
+});
+
+check("what is no request", () => {
+  const call = instance(module);
+  assert.throws(() => call({ call: "nothing" }), /cannot be read/);
+  assert.throws(() => call({ call: "start", path: "/none.esm", world: "", seed: 1, until_us: 1 }), /none\.esm/);
+  assert.throws(() => call({ call: "go_on", to_us: 1 }), /no run/);
+});
+
+rmSync(out, { recursive: true });
+console.log(`${passed} passed, ${failed} failed`);
+process.exit(failed === 0 ? 0 : 1);

@@ -1,0 +1,273 @@
+//! The studio: its run without a thread is the command's, and its page is served to nobody else.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use esm_tests::command::{esm_binary, root};
+use esm_tests::host_drive::{driven, plan, world};
+use esm_tests::subject;
+use host_tools::host_run::{HostRun, Planned, RunMission, Settings, start_rover};
+use host_tools::plant::BodyParameters;
+use host_tools::recording::player::Recording;
+use host_tools::recording::walk::Walk;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+
+const UNTIL_US: u64 = 15_000_000;
+
+fn mission(file: &Path) -> RunMission {
+    let blob = subject::build_file(file).expect("a mission").blob;
+    let verified = esm_core::verify(blob).expect("a valid blob");
+    RunMission::new("mission", verified).expect("a mission with names")
+}
+
+fn planned(at_us: u64, file: &Path, warm: bool) -> Planned {
+    Planned {
+        at_us,
+        mission: mission(file),
+        warm,
+    }
+}
+
+fn started(world_name: &str, missions: Vec<Planned>) -> HostRun<'static, 'static, 'static> {
+    let settings = Settings {
+        world: world(world_name),
+        body: BodyParameters::default(),
+        seed: 1,
+        until_us: UNTIL_US,
+        breaks: Vec::new(),
+        stop_at_us: None,
+        cut_link_us: None,
+    };
+    start_rover(settings, missions).expect("a run")
+}
+
+#[test]
+fn a_run_without_a_thread_has_the_trace_of_the_board() {
+    for (name, world_name) in [
+        ("patrol", "office"),
+        ("guard", "visitors"),
+        ("follow_wall", "corridor"),
+        // Its robot wants to hear of the host.
+        ("on_a_lead", "office"),
+        ("tutorial/6_everything", "track"),
+    ] {
+        let file = root().join(format!("missions/{name}.esm"));
+        let mut run = started(world_name, vec![planned(0, &file, false)]);
+        // In slices of any length.
+        let mut to_us = 0;
+        while run.go_on(to_us).expect("a run that goes on") {
+            to_us += 777_777;
+        }
+        let ended = run.finish().expect("an end");
+        let mut board = plan(&file, world(world_name));
+        board.until_us = Some(UNTIL_US);
+        let board = driven(board);
+        assert_eq!(ended.told.counts, board.told.counts, "{name}");
+        assert!(
+            ended.told.out == board.told.out,
+            "{name}: the traces differ"
+        );
+        assert_eq!(ended.plant.distance_m(), board.plant.distance_m(), "{name}");
+    }
+}
+
+#[test]
+fn what_a_run_tells_is_in_its_trace_and_each_moment_has_its_choices() {
+    let file = root().join("missions/patrol.esm");
+    let later = root().join("missions/follow_wall.esm");
+    let missions = vec![
+        planned(0, &file, false),
+        planned(6_000_000, &file, true),
+        planned(9_000_000, &later, false),
+    ];
+    let mut run = started("office", missions);
+    assert!(!run.go_on(u64::MAX).expect("a run that goes on"));
+    let given = run.take();
+    let carried = run.carried().to_vec();
+    assert_eq!((carried.len(), carried[0], carried[2]), (3, 0, 0));
+    assert!(carried[1] > 0, "the same mission goes on as it is");
+    let ended = run.finish().expect("an end");
+    let (told, recording) = (ended.told, ended.recording);
+    assert_eq!(
+        told.missions
+            .iter()
+            .map(|it| it.start_us)
+            .collect::<Vec<_>>(),
+        [0, 6_000_000, 9_000_000]
+    );
+    let times: Vec<u64> = given.shown.iter().map(|it| it.t_us).collect();
+    assert!(times.is_sorted() && times.len() as u64 >= UNTIL_US / 50_000);
+    let text = String::from_utf8(told.out).expect("text");
+    let recording = Recording::read(&recording).expect("a recording");
+    let (walk, ended) = Walk::new(&recording, false);
+    assert!(ended.is_none(), "{ended:?}");
+    let mut starts = (told.missions.iter()).map(|it| it.start_us).peekable();
+    let (mut start_us, mut taken) = (0, 0);
+    for line in text.lines() {
+        let line: serde_json::Value = serde_json::from_str(line).expect("JSON");
+        if line["step"] == 0 && line["t_us"] == 0 && line["kind"] == "step" {
+            start_us = starts.next().expect("a mission");
+        }
+        if line["kind"] != "transition" || line["step"] == 0 {
+            continue;
+        }
+        let at_us = start_us + line["t_us"].as_u64().expect("a time");
+        let choices = walk.choices_at(at_us).expect("a macro step");
+        assert_eq!(choices.step, line["step"].as_u64().expect("a number"));
+        let micro = line["micro"].as_u64().expect("a number") as usize;
+        let of_micro = &choices.micro_steps[micro];
+        assert_eq!(of_micro.event, line["event"].as_str().expect("an event"));
+        let found = of_micro.choices.iter().find(|it| {
+            it.is_taken && line["from"] == it.from.as_str() && line["to"] == it.to.as_str()
+        });
+        let found = found.unwrap_or_else(|| panic!("{line} is not among {of_micro:?}"));
+        assert!(found.holds && found.is_heard);
+        // What was not taken before it could not be.
+        let before = of_micro.choices.iter().take_while(|it| !it.is_taken);
+        assert!(
+            before
+                .filter(|it| it.from == found.from && it.is_heard)
+                .all(|it| !it.holds)
+        );
+        taken += 1;
+    }
+    assert!(taken > 10, "{taken} transitions");
+}
+
+/// A studio that is served.
+struct Served {
+    child: Child,
+    address: String,
+}
+
+impl Served {
+    fn start(words: &[&str]) -> Self {
+        let mut child = Command::new(esm_binary())
+            .args(["studio", "--json"])
+            .args(words)
+            .current_dir(root())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the command");
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().expect("its output"))
+            .read_line(&mut line)
+            .expect("its address");
+        let said: serde_json::Value = serde_json::from_str(&line).expect("JSON");
+        let address = said["address"].as_str().expect("an address").to_owned();
+        Served { child, address }
+    }
+
+    /// Host and path of the address.
+    fn parts(&self) -> (&str, &str) {
+        let rest = self.address.strip_prefix("http://").expect("an address");
+        rest.split_at(rest.find('/').expect("a path"))
+    }
+
+    /// The answer to a request, from its first line on.
+    fn ask(&self, head: &str) -> String {
+        let mut stream = TcpStream::connect(self.parts().0).expect("a connection");
+        stream
+            .set_read_timeout(Some(Duration::from_secs(10)))
+            .expect("a limit");
+        write!(stream, "{head}\r\nConnection: close\r\n\r\n").expect("a request");
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).expect("an answer");
+        String::from_utf8_lossy(&answer).into_owned()
+    }
+
+    fn get(&self, path: &str) -> String {
+        self.ask(&format!("GET {path} HTTP/1.1\r\nHost: {}", self.parts().0))
+    }
+
+    fn end(mut self) {
+        let id = Pid::from_raw(self.child.id() as i32);
+        kill(id, Signal::SIGINT).expect("a signal");
+        let status = self.child.wait().expect("an end");
+        assert_eq!(status.code(), Some(0));
+    }
+}
+
+#[test]
+fn the_page_is_served_to_who_has_its_address_alone() {
+    let served = Served::start(&["missions/tutorial/3_gap.esm"]);
+    let (host, path) = served.parts();
+    assert!(host.starts_with("127.0.0.1:"));
+    let page = served.get(path);
+    assert!(page.starts_with("HTTP/1.1 200"), "{page}");
+    assert!(page.contains("Content-Security-Policy: default-src 'self'"));
+    assert!(page.contains("<title>esm studio</title>"));
+    assert!(
+        served
+            .get(&format!("{path}studio.js"))
+            .contains("text/javascript")
+    );
+    let files = served.get(&format!("{path}files.json"));
+    assert!(
+        files.contains("\"open\":\"/disk/tutorial/3_gap.esm\""),
+        "{files:.300}"
+    );
+    assert!(files.contains("\"/disk/rover.esm\""));
+    for (what, status, head) in [
+        ("no token", 403, format!("GET / HTTP/1.1\r\nHost: {host}")),
+        (
+            "another name for this computer",
+            403,
+            format!("GET {path} HTTP/1.1\r\nHost: evil.example"),
+        ),
+        (
+            "a page from elsewhere",
+            403,
+            format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nOrigin: http://evil.example"),
+        ),
+        (
+            "no such file",
+            404,
+            format!("GET {path}../../Cargo.toml HTTP/1.1\r\nHost: {host}"),
+        ),
+        (
+            "something to write",
+            405,
+            format!("POST {path} HTTP/1.1\r\nHost: {host}\r\nContent-Length: 0"),
+        ),
+    ] {
+        let answer = served.ask(&head);
+        assert!(
+            answer.starts_with(&format!("HTTP/1.1 {status}")),
+            "{what}: {answer}"
+        );
+    }
+    served.end();
+}
+
+#[test]
+fn the_page_can_be_written_for_another_server() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("site");
+    let mut studio = Command::new(esm_binary());
+    studio.args(["studio", "missions", "--write"]).arg(&out);
+    let written = studio.current_dir(root()).status().expect("the command");
+    assert_eq!(written.code(), Some(0));
+    for name in [
+        "index.html",
+        "studio.js",
+        "studio.css",
+        "worker.js",
+        "engine.wasm.gz",
+    ] {
+        let bytes = std::fs::read(out.join(name)).expect("a file of the page");
+        let committed = std::fs::read(root().join("studio/dist").join(name)).expect("the page");
+        assert!(bytes == committed, "{name}");
+    }
+    let none = Command::new(esm_binary())
+        .args(["studio", "missions/none.esm", "--write"])
+        .arg(&out)
+        .current_dir(root())
+        .output()
+        .expect("the command");
+    assert_eq!(none.status.code(), Some(1));
+}
