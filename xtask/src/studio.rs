@@ -10,7 +10,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::process::{self, Failure, command, find_program};
-use crate::setup::{PAGE_TARGET, Toolchain};
+use crate::setup::{self, PAGE_TARGET, Toolchain};
 
 const ENGINE_FOLDER: &str = "studio/engine";
 const PAGE_FOLDER: &str = "studio/page";
@@ -45,15 +45,20 @@ pub fn command_line(root: &Path, toolchain: &Toolchain) -> Result<(), Failure> {
     measure(root)
 }
 
-/// Why the page cannot be tested here, if it cannot.
-pub fn lacking() -> Option<&'static str> {
+/// Installs what the page is tested with, where it is missing: Node, and a browser.
+///
+/// # Errors
+/// [`Failure::Missing`] with the command that does it.
+pub fn prepare() -> Result<(), Failure> {
     if find_program("npm").is_none() || find_program("node").is_none() {
-        Some("there is no Node with npm")
-    } else if !BROWSERS.iter().any(|it| find_program(it).is_some()) {
-        Some("there is no Chromium")
-    } else {
-        None
+        setup::install("Node, which runs the studio", &["nodejs", "npm"])?;
     }
+    if !BROWSERS.iter().any(|it| find_program(it).is_some()) {
+        // With letters, which a browser alone does not bring.
+        let packages = ["chromium", "fonts-liberation"];
+        setup::install("a browser, which tests the studio", &packages)?;
+    }
+    Ok(())
 }
 
 /// Looks whether what is committed is what its sources make, and does what the command does.

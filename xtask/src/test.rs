@@ -213,8 +213,8 @@ fn robots(root: &Path, tally: &mut Tally) {
             "there is no python3 with venv",
         ),
     }
-    match studio::lacking() {
-        None => {
+    match studio::prepare() {
+        Ok(()) => {
             let esm = root.join("target/release/esm");
             tally.step(
                 "the studio: fresh, and its traces are the command's",
@@ -224,7 +224,7 @@ fn robots(root: &Path, tally: &mut Tally) {
                 studio::test_page(root, &esm)
             });
         }
-        Some(what) => tally.skip("the studio", what),
+        Err(missing) => tally.skip("the studio", &missing.to_string()),
     }
     tally.step("the demo, and its deepest stack", || {
         size::check_stack(root, size::LIMITS, &demo::drive(root)?.join("summary.json"))
