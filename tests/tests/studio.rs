@@ -257,6 +257,7 @@ fn the_page_can_be_written_for_another_server() {
         "studio.js",
         "studio.css",
         "worker.js",
+        "licenses.txt",
         "engine.wasm.gz",
     ] {
         let bytes = std::fs::read(out.join(name)).expect("a file of the page");

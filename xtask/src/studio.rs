@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use crate::process::{self, Failure, command, find_program};
 use crate::setup::{self, PAGE_TARGET, Toolchain};
 
-const ENGINE_FOLDER: &str = "studio/engine";
+pub const ENGINE_FOLDER: &str = "studio/engine";
 const PAGE_FOLDER: &str = "studio/page";
 /// What is committed, and what is embedded in the command.
 const DIST_FOLDER: &str = "studio/dist";
@@ -21,7 +21,13 @@ const TARGET_FOLDER: &str = "target/studio";
 const MODULE: &str = "wasm32-unknown-unknown/release/studio_engine.wasm";
 
 /// What is compared byte for byte.
-const SCRIPTS: [&str; 4] = ["index.html", "studio.css", "studio.js", "worker.js"];
+const SCRIPTS: [&str; 5] = [
+    "index.html",
+    "studio.css",
+    "studio.js",
+    "worker.js",
+    "licenses.txt",
+];
 
 /// Stack of the module, in bytes: as much as the largest parts of a robot's memory take while they
 /// are made.

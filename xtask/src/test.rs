@@ -143,6 +143,16 @@ fn builds(root: &Path, choice: Choice, tally: &mut Tally) {
                 .args(toolchain.std_from_source()),
         )
     });
+    if has_component("clippy") {
+        tally.step("lints of the studio's engine", || {
+            let arguments = ["clippy", "--quiet", "--", "-D", "warnings"];
+            process::run(
+                cargo(&root.join(studio::ENGINE_FOLDER))
+                    .args(arguments)
+                    .env("CARGO_TARGET_DIR", root.join("target/studio")),
+            )
+        });
+    }
     if let Some(toolchain) = compiler(choice, tally) {
         firmware_checks(root, &toolchain, tally);
     }
@@ -298,8 +308,9 @@ const FIRMWARE_FEATURES: &str = "rt-firmware/all-tasks,rt-firmware/black-box,rt-
      rt-firmware/keys,rt-firmware/news,rt-firmware/params,rt-firmware/record,rt-firmware/telemetry,rt-firmware/warm";
 
 /// The workspaces that have a lock file, but for the boards'.
-const LOCKED: [&str; 7] = [
+const LOCKED: [&str; 8] = [
     "",
+    studio::ENGINE_FOLDER,
     FILE_EXAMPLE_FOLDER,
     FILE_EXAMPLE_FIRMWARE_FOLDER,
     EXAMPLE_FOLDER,

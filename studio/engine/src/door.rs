@@ -9,8 +9,8 @@ thread_local! {
     static ANSWER: RefCell<Vec<u8>> = const { RefCell::new(Vec::new()) };
 }
 
-/// Lets the words of a panic stand in the answer's place.
-fn keep_last_words() {
+/// Puts what a panic says in the answer's place.
+fn report_panics() {
     std::panic::set_hook(Box::new(|panic| {
         // A panic while an answer is written leaves that one.
         let _ = ANSWER.try_with(|answer| {
@@ -42,7 +42,7 @@ pub extern "C" fn studio_room(bytes: usize) -> *mut u8 {
     reason = "the page finds an export by its name, and no other crate has one of this name"
 )]
 pub extern "C" fn studio_call() -> usize {
-    keep_last_words();
+    report_panics();
     let request = REQUEST.take();
     let answer = calls::carry_out(&request);
     ANSWER.with_borrow_mut(|kept| {
@@ -51,7 +51,7 @@ pub extern "C" fn studio_call() -> usize {
     })
 }
 
-/// Where the answer is, or the last words of an instance that has ended.
+/// Where the answer is, or what the panic said that has ended the instance.
 #[unsafe(no_mangle)]
 #[expect(
     unsafe_code,

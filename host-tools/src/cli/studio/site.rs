@@ -13,28 +13,33 @@ const PAGE: &[(&str, &str, &[u8])] = &[
     (
         "index.html",
         "text/html; charset=utf-8",
-        include_bytes!("../../../../studio/dist/index.html"),
+        include_bytes!("../../../shipped/studio/index.html"),
     ),
     (
         "studio.css",
         "text/css; charset=utf-8",
-        include_bytes!("../../../../studio/dist/studio.css"),
+        include_bytes!("../../../shipped/studio/studio.css"),
     ),
     (
         "studio.js",
         "text/javascript; charset=utf-8",
-        include_bytes!("../../../../studio/dist/studio.js"),
+        include_bytes!("../../../shipped/studio/studio.js"),
     ),
     (
         "worker.js",
         "text/javascript; charset=utf-8",
-        include_bytes!("../../../../studio/dist/worker.js"),
+        include_bytes!("../../../shipped/studio/worker.js"),
+    ),
+    (
+        "licenses.txt",
+        "text/plain; charset=utf-8",
+        include_bytes!("../../../shipped/studio/licenses.txt"),
     ),
     // Packed as it is: the page unpacks it itself, so that any server will do.
     (
         "engine.wasm.gz",
         "application/octet-stream",
-        include_bytes!("../../../../studio/dist/engine.wasm.gz"),
+        include_bytes!("../../../shipped/studio/engine.wasm.gz"),
     ),
 ];
 
