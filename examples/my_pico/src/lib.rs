@@ -15,7 +15,10 @@ use core::marker::PhantomData;
 
 use esm::rt_firmware::robot_parts::{PartTypes, RobotParts};
 use esm::rt_firmware::rover::Measures;
-use esm::rt_firmware::tasks::{BatteryMonitor, Cruise, Odometry, SonarRing, Turn, WheelSpeed};
+use esm::rt_firmware::tasks::{
+    Back, BatteryMonitor, Count, Cruise, DriveDistance, FollowWall, Logger, Odometry,
+    ProximityMonitor, RoundCorner, SonarRing, Stop, Turn, WheelSpeed,
+};
 use esm::rt_firmware::{TaskPool, registry};
 
 use headlight::Headlight;
@@ -26,14 +29,23 @@ use lamp::Lamp;
 pub const MEASURES: Measures = Measures::ROVER;
 
 registry! {
-    /// The rover's motion, and a headlight, on the parts of any board.
+    /// A headlight, and what the missions `patrol`, `follow_wall` and `square` take, on the parts
+    /// of any board. A number says how many states of a mission can have such a task.
     pub struct MyPico[P: PartTypes, const SONARS: usize]<P, SONARS> marks P {
         sonar_ring: SonarRing<P::Trigger, P::EchoTimer, SONARS>[1],
         odometry: Odometry<P::LeftEncoder, P::RightEncoder>[1],
         wheel_speed: WheelSpeed<P::Pwm, P::Direction, P::Pwm, P::Direction>[1],
         battery_monitor: BatteryMonitor<P::Analog>[1],
-        cruise: Cruise[1],
-        turn: Turn[1],
+        proximity_monitor: ProximityMonitor[1],
+        cruise: Cruise[2],
+        back: Back[3],
+        turn: Turn[4],
+        drive_distance: DriveDistance[2],
+        count: Count[2],
+        follow_wall: FollowWall[1],
+        round_corner: RoundCorner[1],
+        stop: Stop[3],
+        logger: Logger[1],
         headlight: Headlight<P::Output>[1],
     }
 }
@@ -49,8 +61,16 @@ impl<P: PartTypes, const SONARS: usize> MyPico<P, SONARS> {
             odometry: TaskPool::new([hardware.odometry]),
             wheel_speed: TaskPool::new([hardware.wheel_speed]),
             battery_monitor: TaskPool::new([hardware.battery_monitor]),
-            cruise: TaskPool::new([Cruise]),
-            turn: TaskPool::new([Turn::default()]),
+            proximity_monitor: TaskPool::new([ProximityMonitor]),
+            cruise: TaskPool::from_fn(|| Cruise),
+            back: TaskPool::from_fn(Back::default),
+            turn: TaskPool::from_fn(Turn::default),
+            drive_distance: TaskPool::from_fn(DriveDistance::default),
+            count: TaskPool::from_fn(Count::default),
+            follow_wall: TaskPool::new([FollowWall]),
+            round_corner: TaskPool::new([RoundCorner]),
+            stop: TaskPool::from_fn(|| Stop),
+            logger: TaskPool::new([Logger]),
             headlight: TaskPool::new([Headlight::new(Lamp::new(lamp_pin))]),
         }
     }

@@ -2,8 +2,9 @@
 #![no_std]
 #![no_main]
 
-use my_robot::MyRobot;
 use my_robot::esm::lm3s6965::{self, PINS};
+
+use my_robot::MyRobot;
 use my_robot::esm::rt_firmware::body::{SONARS, StopPin};
 use my_robot::esm::rt_firmware::robot_parts::PinParts;
 
