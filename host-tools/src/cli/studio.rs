@@ -76,7 +76,10 @@ pub fn execute(args: &StudioArgs, console: &mut Console) -> Result<(), CommandEr
     }
     let interrupt = Interrupt::take_over()?;
     let listener = Listener::bind(args.port_number)
-        .with_context(|| format!("cannot listen at port {}", args.port_number))
+        .with_context(|| {
+            let port = args.port_number;
+            format!("cannot listen at port {port}: name another with --port-number, or none")
+        })
         .map_err(CommandError::World)?;
     let address = listener.address();
     if args.json {
