@@ -93,7 +93,7 @@ pub struct Stm32f405;
 pub type Parts = rt_firmware::body::Parts<'static>;
 /// The robot's pins.
 #[cfg(not(feature = "emulation"))]
-pub type Parts = silicon::pins::BoardRoverParts;
+pub type Parts = silicon::parts::BoardRoverParts;
 
 /// Brings up stack paint, clocks, serial line and body. To be called once, first of all, with
 /// interrupts off.

@@ -24,7 +24,7 @@ fn usart() -> &'static usart1::RegisterBlock {
 pub fn start() {
     clock::rcc().apb2enr().modify(|_, w| w.usart1en().enabled());
     #[cfg(not(feature = "emulation"))]
-    crate::silicon::pins::connect_usart();
+    crate::silicon::parts::connect_usart();
     // SAFETY: 16 bits, of which the lowest 4 are sixteenths.
     (usart().brr()).write(|w| unsafe { w.bits(((clock::APB2_HZ + BAUD / 2) / BAUD) as u16) });
     set_control(false);

@@ -23,7 +23,7 @@ mod emulated {
 
 #[cfg(not(feature = "emulation"))]
 mod silicon {
-    use stm32f405::silicon::pins::BoardRover;
+    use stm32f405::silicon::parts::BoardRover;
 
     use super::Measures;
 

@@ -6,6 +6,7 @@ pub mod encoders;
 #[cfg(feature = "store")]
 pub mod flash;
 pub mod motors;
+pub mod parts;
 pub mod pins;
 pub mod sonars;
 pub mod wiring;
@@ -26,7 +27,7 @@ impl MotorChip for Stm32f405 {
 }
 
 /// Starts what is at the pins.
-pub(crate) fn start() -> (SlotBoard, pins::BoardRoverParts) {
-    let (stop_button, parts) = pins::start();
+pub(crate) fn start() -> (SlotBoard, parts::BoardRoverParts) {
+    let (stop_button, parts) = parts::start();
     (SlotBoard::new(ChipBoard::new(), stop_button), parts)
 }
