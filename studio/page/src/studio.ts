@@ -18,6 +18,7 @@ const FIRST = "/missions/patrol.esm";
 const FIRST_WORLD = "/missions/worlds/office.world";
 const DEFAULT_UNTIL_US = 60_000_000;
 const LONGEST_US = 3_600_000_000;
+const DARK = matchMedia("(prefers-color-scheme: dark)");
 export const SPEEDS = [0.25, 1, 4, 16];
 
 export class Studio {
@@ -70,6 +71,10 @@ export class Studio {
   constructor() {
     this.desk = new Engine((words) => this.ended(words));
     this.applyTheme();
+    DARK.addEventListener("change", () => {
+      this.applyTheme();
+      this.tell();
+    });
   }
 
   get words() {
@@ -159,19 +164,24 @@ export class Studio {
   private changed(text: string): void {
     if (text === this.shipped[this.path]) delete this.own[this.path];
     else this.own[this.path] = text;
+    this.keepFiles();
+    void this.draw();
+    this.tell();
+  }
+
+  /** Keeps what was written in the browser. */
+  private keepFiles(): void {
     try {
       localStorage.setItem(KEPT, JSON.stringify(this.own));
     } catch {
-      this.message = "localStorage";
+      this.message = this.words.notKept;
     }
-    void this.draw();
-    this.tell();
   }
 
   /** Back to the file as it ships. */
   restore(): void {
     delete this.own[this.path];
-    localStorage.setItem(KEPT, JSON.stringify(this.own));
+    this.keepFiles();
     void this.openFile(this.path);
   }
 
@@ -188,7 +198,7 @@ export class Studio {
         if (path.endsWith(".world")) this.worldPath = path;
         else last = path;
       }
-      localStorage.setItem(KEPT, JSON.stringify(this.own));
+      this.keepFiles();
       await this.giveFiles();
       if (last) await this.openFile(last);
       await this.showWorld();
@@ -228,7 +238,7 @@ export class Studio {
       this.drawsAgain = false;
       const path = this.path;
       try {
-        await this.desk.call({ call: "files", files: this.files() });
+        await this.giveFiles();
         const depth = this.folds ? null : 0;
         const drawn = await this.desk.call<Drawn>({ call: "draw", path, depth, data: this.showsData });
         if (path === this.path) {
@@ -502,16 +512,19 @@ export class Studio {
   }
 
   toggleTheme(): void {
-    const isDark = matchMedia("(prefers-color-scheme: dark)").matches;
-    const now = this.theme || (isDark ? "dark" : "light");
-    this.theme = now === "dark" ? "light" : "dark";
+    this.theme = this.shownTheme() === "dark" ? "light" : "dark";
     localStorage.setItem("esm.theme", this.theme);
     this.applyTheme();
     this.tell();
   }
 
+  /** The theme that was chosen, or else the one of the system. */
+  private shownTheme(): string {
+    return this.theme || (DARK.matches ? "dark" : "light");
+  }
+
   private applyTheme(): void {
-    if (this.theme) document.documentElement.dataset.theme = this.theme;
+    document.documentElement.dataset.theme = this.shownTheme();
   }
 
   endTour(): void {

@@ -14,6 +14,7 @@ export const de: Words = {
   save: "Speichern",
   share: "Link kopieren",
   shared: "Der Link ist in der Zwischenablage. Er enthält die Mission selbst.",
+  notKept: "Der Text bleibt nicht erhalten: Der Browser hat keinen Platz dafür. Speichern legt ihn in eine Datei.",
   notShared: "Der Link steht in der Adresszeile: Die Zwischenablage ist nicht erreichbar.",
   restore: "Änderungen verwerfen",
   restoreHelp: "Zurück zur mitgelieferten Mission",

@@ -12,6 +12,7 @@ export const en = {
   save: "Save",
   share: "Copy link",
   shared: "The link is in the clipboard. It holds the mission itself.",
+  notKept: "What you write is not kept: the browser has no room for it. Save it to a file.",
   notShared: "The link is in the address bar: the clipboard cannot be reached.",
   restore: "Undo changes",
   restoreHelp: "Back to the mission as it ships",
