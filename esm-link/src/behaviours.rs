@@ -226,6 +226,11 @@ const GO_ON: u8 = 32;
 const REPLACE: u8 = 48;
 
 impl Reaction {
+    /// What scripts call them, by their [kinds](Self::kind).
+    pub const NAMES: [&str; 7] = [
+        "suspend", "cancel", "end", "flag", "insert", "go_on", "replace",
+    ];
+
     /// Its number on the link.
     pub const fn number(self) -> u8 {
         match self {

@@ -6,9 +6,9 @@ use crate::features::NOTES;
 use esm_link::black_box::Event;
 
 /// How much a task can note in one execution: the owner of the list of behaviours notes at most
-/// nine situations, four changes of the list, and where the robot is, which takes two. Of more
+/// nine situations and four changes of the list, or where the robot is, which takes two. Of more
 /// situations that come up at once the last are not told.
-pub(crate) const MAX_NOTES: usize = 9 + 4 + 2;
+pub(crate) const MAX_NOTES: usize = 9 + 4;
 
 /// What a task has noted in its last execution. A firmware that tells nothing of behaviours
 /// has no room for it.

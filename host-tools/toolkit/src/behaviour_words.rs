@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use esm_link::behaviours::Situation;
+use esm_link::behaviours::{Reaction, Situation};
 use esm_link::black_box::{OWN_SITUATION, SAFETY_CHECK};
 
 /// The states of a behaviour, by their numbers.
@@ -44,10 +44,8 @@ pub fn situation(number: u8) -> &'static str {
 
 /// What is done about a situation, as scripts say it.
 pub fn reaction(kind: u8) -> &'static str {
-    const REACTIONS: [&str; 7] = [
-        "suspend", "cancel", "end", "flag", "insert", "go_on", "replace",
-    ];
-    REACTIONS.get(usize::from(kind)).copied().unwrap_or("?")
+    let names = Reaction::NAMES.get(usize::from(kind));
+    names.copied().unwrap_or("?")
 }
 
 /// A change of a behaviour's state, in words.

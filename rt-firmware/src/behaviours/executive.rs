@@ -104,8 +104,8 @@ enum Follows {
 /// Situations that are told of one activation: one for each behaviour, and one that each has.
 const MAX_CAME_UP: usize = MAX_BEHAVIOURS + 1;
 
-/// Those, the changes of the list, and a pose are all that is noted in one activation.
-const _: () = assert!(MAX_CAME_UP + MAX_CHANGES + 2 <= MAX_NOTES);
+/// Those and the changes of the list are the most that is noted in one activation.
+const _: () = assert!(MAX_CAME_UP + MAX_CHANGES <= MAX_NOTES);
 
 struct Situations(Vec<Event, MAX_CAME_UP>);
 

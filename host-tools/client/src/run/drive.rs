@@ -30,6 +30,7 @@ use crate::serial::noise::{Noise, Noisy};
 use crate::values::Subscription;
 use esm_toolkit::clean::counted;
 use esm_toolkit::counters::SlotReport;
+use esm_toolkit::host_run::{CALL_INTERVAL_US, LINK_MONITOR};
 use esm_toolkit::plant::variation::Variation;
 use esm_toolkit::plant::{BodyParameters, Plant, PlantError, RecordedRanges, SonarFault};
 use esm_toolkit::recording::entered::Entered;
@@ -49,11 +50,8 @@ const SILENCE_AT_END: Duration = Duration::from_millis(300);
 /// loaded machine a robot that is silent may have got no processor.
 const SILENT_ANSWERS: u32 = 15;
 
-/// The task whose missions want to hear of the host.
-const LINK_MONITOR: &str = "LinkMonitor";
-
-/// How often a robot with such a mission is called.
-const CALL_INTERVAL: Duration = Duration::from_millis(50);
+/// How often a robot is called whose mission wants to hear of the host.
+const CALL_INTERVAL: Duration = Duration::from_micros(CALL_INTERVAL_US);
 
 /// Seed of the plant's noise where none is said.
 pub const DEFAULT_SEED: u64 = 1;

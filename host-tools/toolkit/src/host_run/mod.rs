@@ -12,5 +12,7 @@ mod session;
 
 pub use kept::start_rover;
 pub use port::DirectPort;
-pub use run::{Ended, Given, HostRun, Planned, RunMission, Settings, Shown};
+pub use run::{
+    CALL_INTERVAL_US, Ended, Given, HostRun, LINK_MONITOR, Planned, RunMission, Settings, Shown,
+};
 pub use session::RunError;

@@ -21,10 +21,10 @@ use crate::trace::directory::{Directory, NoDirectory};
 use crate::world::World;
 
 /// The task whose missions want to hear of the host.
-const LINK_MONITOR: &str = "LinkMonitor";
+pub const LINK_MONITOR: &str = "LinkMonitor";
 
 /// How often a robot with such a mission is called, in microseconds of robot time.
-const CALL_INTERVAL_US: u64 = 50_000;
+pub const CALL_INTERVAL_US: u64 = 50_000;
 
 /// How often a run shows where the robot is, in microseconds of robot time.
 const SHOWN_EACH_US: u64 = 50_000;

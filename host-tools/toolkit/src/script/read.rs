@@ -11,11 +11,6 @@ use crate::nearest::nearest;
 /// What the paper calls a behaviour, where it is not the name in lower case.
 const OTHER_NAMES: [(&str, &str); 1] = [("turn", "turn_to")];
 
-/// The words of reactions.
-const REACTIONS: [&str; 7] = [
-    "suspend", "cancel", "end", "flag", "insert", "go_on", "replace",
-];
-
 const UNLESS: &str = "unless";
 const ARROW: &str = "->";
 /// Behind the name of a place in a script.
@@ -624,8 +619,9 @@ impl<'m, 't> Reader<'m, 't> {
         let place = rest.place();
         if !rest.takes(ARROW) {
             self.say(
-                Diagnostic::new(Code::E001, place, "what is to happen then is missing here")
-                    .hint(format!("write `-> ` and one of {}", REACTIONS.join(", "))),
+                Diagnostic::new(Code::E001, place, "what is to happen then is missing here").hint(
+                    format!("write `-> ` and one of {}", Reaction::NAMES.join(", ")),
+                ),
             );
             return Err(Told);
         }
@@ -659,11 +655,11 @@ impl<'m, 't> Reader<'m, 't> {
                     }
                     None => Diagnostic::new(Code::E001, place, "a reaction is missing here"),
                 };
-                found = match other.and_then(|word| nearest(word, REACTIONS)) {
+                found = match other.and_then(|word| nearest(word, Reaction::NAMES)) {
                     Some(near) => found
                         .hint(format!("did you mean `{near}`?"))
                         .fix(Fix::write(place, near)),
-                    None => found.hint(format!("there are {}", REACTIONS.join(", "))),
+                    None => found.hint(format!("there are {}", Reaction::NAMES.join(", "))),
                 };
                 self.say(found);
                 return Err(Told);
