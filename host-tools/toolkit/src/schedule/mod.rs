@@ -47,7 +47,7 @@ pub use growth::{Growth, growth};
 pub use infeasibility::Infeasibility;
 pub use outcome::Outcome;
 pub(crate) use slot::gcd;
-pub use slot::{MAX_SLOTS, Schedule, SlotSpec, exceeds_one, hyperperiod_us, utilisation};
+pub use slot::{LaidOut, MAX_SLOTS, Schedule, SlotSpec, exceeds_one, hyperperiod_us, utilisation};
 pub use snap::{MAX_SNAP_PERCENT, RateChange, Snap, snap};
 use solve::solve_within;
 pub use solve::{overcommitted, solve};

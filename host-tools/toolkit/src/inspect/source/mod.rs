@@ -182,11 +182,10 @@ fn compiles_to(source: &str, blob: &Verified<Vec<u8>>, limit: Limit) -> Result<(
         Some(_) => NameTable::Kept,
         None => NameTable::LeftOut,
     };
-    let again = compile::compile_with(model, &schedule.starts_us, names).map_err(|error| {
-        NoSource::Mistake {
+    let again =
+        compile::compile_with(model, &schedule, names).map_err(|error| NoSource::Mistake {
             mistake: error.to_string(),
-        }
-    })?;
+        })?;
     let bytes = blob.bytes();
     if again == bytes {
         return Ok(());

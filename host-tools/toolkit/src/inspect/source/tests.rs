@@ -14,7 +14,7 @@ fn blob(text: &str, names: NameTable) -> Vec<u8> {
     let schedule = checked.lay_out(LAY_OUT_LIMIT);
     assert!(!checked.has_errors(), "{}", checked.render(false));
     let model = checked.model.as_ref().unwrap();
-    compile::compile_with(model, &schedule.unwrap().starts_us, names).unwrap()
+    compile::compile_with(model, &schedule.unwrap(), names).unwrap()
 }
 
 fn source_of(blob: Vec<u8>) -> Result<String, NoSource> {
