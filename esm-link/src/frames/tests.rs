@@ -34,12 +34,11 @@ fn encoded(header: Header, payload: &[u8]) -> Vec<u8> {
     bytes[..len].to_vec()
 }
 
+/// Index, number and payload of a frame, or why it is none.
+type Outcome = Result<(usize, u8, Vec<u8>), ReceiveError>;
+
 /// What a receiver makes of bytes that arrive in pieces of a length.
-fn received(
-    bytes: &[u8],
-    piece: usize,
-    frames: &[InFrame],
-) -> Vec<Result<(usize, u8, Vec<u8>), ReceiveError>> {
+fn received(bytes: &[u8], piece: usize, frames: &[InFrame]) -> Vec<Outcome> {
     let frames = SortedFrames::new(frames).unwrap();
     let mut receiver = Receiver::new();
     let mut outcomes = Vec::new();
