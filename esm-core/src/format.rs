@@ -347,7 +347,18 @@ pub const FRAME_IS_RECEIVED: u16 = 1 << 15;
 /// CRC-32 (IEEE 802.3) of `bytes`.
 #[must_use]
 pub fn crc32(bytes: &[u8]) -> u32 {
-    let mut crc = !0;
+    crc32_continued(0, bytes)
+}
+
+/// CRC-32 of bytes that stand behind others, whose CRC-32 is known.
+///
+/// ```
+/// use esm_core::format::{crc32, crc32_continued};
+/// assert_eq!(crc32_continued(crc32(b"12345"), b"6789"), crc32(b"123456789"));
+/// ```
+#[must_use]
+pub fn crc32_continued(before: u32, bytes: &[u8]) -> u32 {
+    let mut crc = !before;
     for byte in bytes {
         crc ^= u32::from(*byte);
         for _ in 0..2 {

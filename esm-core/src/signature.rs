@@ -20,13 +20,24 @@ use crate::format::MAX_TIME_US;
 /// assert_eq!(esm_core::signature::fnv1a(b""), 0xcbf2_9ce4_8422_2325);
 /// assert_eq!(esm_core::signature::fnv1a(b"a"), 0xaf63_dc4c_8601_ec8c);
 /// ```
-// Long where it is inlined, and never in a hurry.
-#[inline(never)]
 #[must_use]
 pub const fn fnv1a(bytes: &[u8]) -> u64 {
     const OFFSET_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
+    fnv1a_continued(OFFSET_BASIS, bytes)
+}
+
+/// 64-bit FNV-1a hash of bytes that stand behind others, whose hash is known.
+///
+/// ```
+/// use esm_core::signature::{fnv1a, fnv1a_continued};
+/// assert_eq!(fnv1a_continued(fnv1a(b"a"), b"b"), fnv1a(b"ab"));
+/// ```
+// Long where it is inlined, and never in a hurry.
+#[inline(never)]
+#[must_use]
+pub const fn fnv1a_continued(before: u64, bytes: &[u8]) -> u64 {
     const PRIME: u64 = 0x0000_0100_0000_01b3;
-    let mut hash = OFFSET_BASIS;
+    let mut hash = before;
     let mut rest = bytes;
     while let [byte, tail @ ..] = rest {
         hash = (hash ^ *byte as u64).wrapping_mul(PRIME);

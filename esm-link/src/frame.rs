@@ -20,6 +20,8 @@ pub const CRC_BYTES: usize = 4;
 pub const MAX_FRAME_BYTES: usize = MAX_MESSAGE_BYTES + CRC_BYTES + 2;
 /// Greatest number of bytes of a robot's frame, delimiter included.
 pub const MAX_REPLY_FRAME_BYTES: usize = MAX_REPLY_BYTES + CRC_BYTES + 2;
+/// COBS adds a byte at the beginning, and one more where so many bytes without a 0 stand together.
+pub(crate) const COBS_GROUP_BYTES: usize = 254;
 /// The byte that ends a frame.
 pub const DELIMITER: u8 = 0;
 
@@ -91,12 +93,18 @@ pub fn encode_with(
     };
     place.copy_from_slice(&crc);
     *end = DELIMITER;
-    // COBS, in place, which a frame is short enough for: each 0 gives way to the distance to the
-    // next, the first byte tells the first distance.
-    const { assert!(MAX_MESSAGE_BYTES + CRC_BYTES < 254) };
+    const { assert!(MAX_MESSAGE_BYTES + CRC_BYTES < COBS_GROUP_BYTES) };
     let len = len + CRC_BYTES;
+    let plain = rest.get_mut(..len).ok_or(FrameError::TooLong)?;
+    *first = stuff(plain);
+    Ok(len + 2)
+}
+
+/// Encodes fewer than [`COBS_GROUP_BYTES`] bytes with COBS where they lie: each 0 gives way to the
+/// distance to the next. Returns the byte before them, which tells the first distance.
+pub(crate) fn stuff(plain: &mut [u8]) -> u8 {
     let mut distance = 1;
-    for byte in rest.iter_mut().take(len).rev() {
+    for byte in plain.iter_mut().rev() {
         distance = if *byte == DELIMITER {
             *byte = distance;
             1
@@ -104,8 +112,7 @@ pub fn encode_with(
             distance + 1
         };
     }
-    *first = distance;
-    Ok(len + 2)
+    distance
 }
 
 /// Reads the message of a frame, whose delimiter may be left out. The bytes are decoded in place,

@@ -48,6 +48,7 @@ pub mod black_box;
 mod credentials;
 pub mod features;
 pub mod frame;
+pub mod frames;
 pub mod key_store;
 #[cfg(feature = "keys")]
 pub mod keys;

@@ -78,6 +78,16 @@ const CAMPAIGNS: &[Campaign] = &[
         hogs: 0,
     },
     Campaign {
+        name: "frames",
+        what: "a million frames between processors of which up to four bytes are changed (1 min)",
+        package: "esm-tests",
+        target: &["--test", "frames"],
+        tests: "no_damaged_frame",
+        settings: &[("ESM_FRAME_DAMAGES", "1000000")],
+        needs_firmware: false,
+        hogs: 0,
+    },
+    Campaign {
         name: "stops",
         what: "10,000 stops on a full line, in the emulator (40 min)",
         package: "esm-tests",
