@@ -3,7 +3,7 @@
 use esm_core::format::{Communication, FRAME_IS_RECEIVED};
 use esm_core::frames::{MAX_FRAMES, MAX_LINKS};
 use esm_core::layout::{self as records, Short};
-use esm_core::signature::fnv1a;
+use esm_link::frames::configuration::{self, Configuration};
 
 use super::templates::Templates;
 use super::{Capacity, CompileError, Table, within};
@@ -26,16 +26,18 @@ impl Tables {
     }
 }
 
-/// What a frame means, in 64 bits: sender and receiver hold theirs against each other.
-#[must_use]
-pub fn configuration(frame: &Frame) -> u64 {
+/// What a frame means: sender and receiver hold theirs against each other.
+fn configuration(frame: &Frame) -> u64 {
     let content = match &frame.content {
-        Content::Value(type_name) => type_name.clone(),
-        Content::Flags(flags) => flags.len().to_string(),
+        Content::Value(type_name) => configuration::Content::Value(type_name),
+        Content::Flags(flags) => {
+            // As many as fit the payload.
+            configuration::Content::Flags(u16::try_from(flags.len()).unwrap_or(u16::MAX))
+        }
     };
     let payload = frame.payload_bytes.unwrap_or(0);
     let period_us = frame.period_us.unwrap_or(0);
-    fnv1a(format!("{} {content} {payload} {period_us}", frame.id).as_bytes())
+    Configuration::of(frame.id, content, payload, period_us).hash()
 }
 
 /// Writes the links whose dispatchers are used, with the frames of these. `starts_us` has, for each

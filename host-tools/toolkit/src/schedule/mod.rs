@@ -124,6 +124,66 @@ pub fn report(slots: &[SlotSpec], outcome: &Outcome) -> Report {
     }
 }
 
+/// A link of `esm schedule`, in the form of its JSON.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LinkReport {
+    /// Its name.
+    pub link: String,
+    /// Sum of duration over period of the frames that are sent.
+    pub utilisation: f64,
+    /// Whether there is a schedule; `None` where that is undecided.
+    pub feasible: Option<bool>,
+    /// The frames with their starts; empty without a schedule.
+    pub frames: Vec<FrameReport>,
+}
+
+/// A frame of a [`LinkReport`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FrameReport {
+    /// Its name.
+    pub frame: String,
+    /// Its identifier.
+    pub id: u32,
+    /// Its first start in microseconds, below its period.
+    pub start_us: u32,
+    /// Its period in microseconds.
+    pub period_us: u32,
+    /// How long it takes with the gap behind it, in microseconds.
+    pub duration_us: u32,
+}
+
+/// Puts the frames that a link sends and the outcome of their search together.
+pub fn link_report(
+    link: &str,
+    names: &[String],
+    frames: &[SlotSpec],
+    outcome: &Outcome,
+) -> LinkReport {
+    let (feasible, starts_us) = match outcome {
+        Outcome::Feasible(schedule) => (Some(true), schedule.starts_us.as_slice()),
+        Outcome::Infeasible(_) => (Some(false), &[][..]),
+        Outcome::Undecided => (None, &[][..]),
+    };
+    let times = frames
+        .iter()
+        .map(|frame| (frame.period_us, frame.duration_us));
+    let frames = names.iter().zip(frames).zip(starts_us);
+    LinkReport {
+        link: link.to_owned(),
+        utilisation: utilisation(times),
+        feasible,
+        frames: frames
+            .map(|((name, frame), &start_us)| FrameReport {
+                frame: name.clone(),
+                id: frame.number,
+                start_us,
+                period_us: frame.period_us,
+                duration_us: frame.duration_us,
+            })
+            .collect(),
+    }
+}
+
 /// A proposal of [`snap`], in the form of its JSON.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SnapReport {
