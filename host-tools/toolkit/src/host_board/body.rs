@@ -2,9 +2,12 @@
 
 use std::collections::VecDeque;
 
+use esm_link::frames::receiver::InFrames;
+use esm_link::frames::wire::{Header, MAX_PAYLOAD_BYTES};
 use esm_link::message::SafeReason;
 use rt_firmware::body::{Freshness, PinImage, PlantExchange, StopPin};
 use rt_firmware::drivers::StopButton;
+use rt_firmware::frames::{LINKS, LinkDevice, Taken};
 use rt_firmware::{ActivationStart, Background, Board};
 
 use crate::plant::behind_pins::BehindPins;
@@ -34,6 +37,8 @@ pub struct Body<'p, 'q, 'm, P> {
     ends: Option<RecordedEnds>,
     /// Missions that have started.
     missions: u32,
+    /// What carries the frames of links.
+    links: Vec<Box<dyn LinkDevice>>,
 }
 
 impl<'p, 'q, 'm, P> Body<'p, 'q, 'm, P> {
@@ -54,7 +59,13 @@ impl<'p, 'q, 'm, P> Body<'p, 'q, 'm, P> {
             background,
             ends,
             missions: 0,
+            links: Vec::new(),
         }
+    }
+
+    /// Gives links devices, in their order; without any, they lead nowhere.
+    pub fn connect(&mut self, links: Vec<Box<dyn LinkDevice>>) {
+        self.links = links;
     }
 
     /// Robot time at a time of the board's clock; 0 as long as there is none.
@@ -145,7 +156,37 @@ impl<P: BehindPins> Board for Body<'_, '_, '_, P> {
         stop_button.is_pressed(|| *now_us as u32, Self::TICKS_PER_US)
     }
 
+    fn link(&mut self, index: usize) -> Option<&mut dyn LinkDevice> {
+        while self.links.len() <= index && index < LINKS {
+            self.links.push(Box::new(OpenLine));
+        }
+        self.links
+            .get_mut(index)
+            .map(|link| &mut **link as &mut dyn LinkDevice)
+    }
+
     fn motors_off(&mut self) {
         self.pins.safe();
     }
+}
+
+/// A line with nobody at its other end: what is sent is gone, and nothing comes.
+struct OpenLine;
+
+impl LinkDevice for OpenLine {
+    fn send(
+        &mut self,
+        _start_us: u64,
+        _header: Header,
+        payload_bytes: usize,
+        write: &mut dyn FnMut(&mut [u8]),
+    ) -> bool {
+        let mut payload = [0; MAX_PAYLOAD_BYTES];
+        if let Some(payload) = payload.get_mut(..payload_bytes) {
+            write(payload);
+        }
+        true
+    }
+
+    fn receive(&mut self, _until_us: u64, _frames: &dyn InFrames, _take: Taken<'_>) {}
 }
