@@ -115,6 +115,26 @@ impl FrameLists<'_> {
         }
     }
 
+    /// Lists of one link, for tests.
+    #[cfg(test)]
+    pub(super) fn of(link: LinkEntry, frames: &mut [FrameEntry]) -> FrameLists<'_> {
+        let count = frames.len();
+        let mut links = [LinkEntry::default(); LINKS];
+        links[0] = link;
+        FrameLists {
+            links,
+            frames,
+            count,
+            origin_us: 0,
+        }
+    }
+
+    /// Number of the last occurrence of a frame that was received.
+    #[cfg(test)]
+    pub(super) fn last_number(&self, frame: usize) -> Option<u8> {
+        self.frames[frame].state.get().occurrences.last()
+    }
+
     /// The device that serves a dispatcher.
     pub(crate) fn device_of(dispatcher: u8) -> usize {
         usize::from(dispatcher / 2)
