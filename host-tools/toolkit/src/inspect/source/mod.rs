@@ -12,7 +12,6 @@
 //! the blob of any source, and then [`NoSource`] says why.
 
 mod events;
-mod links;
 mod order;
 mod ports;
 #[cfg(test)]
