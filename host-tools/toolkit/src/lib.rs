@@ -30,6 +30,7 @@ pub mod host_run;
 pub mod inspect;
 pub mod lang;
 pub mod language_server;
+pub mod medium;
 pub mod mission_hash;
 pub mod model;
 pub mod nearest;
