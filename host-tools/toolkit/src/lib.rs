@@ -49,6 +49,7 @@ pub mod sim;
 pub mod story;
 pub mod streams;
 mod superstates;
+pub mod system;
 pub mod table;
 pub mod task_page;
 #[cfg(test)]

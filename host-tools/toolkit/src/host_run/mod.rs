@@ -13,6 +13,7 @@ mod session;
 pub use kept::start_rover;
 pub use port::DirectPort;
 pub use run::{
-    CALL_INTERVAL_US, Ended, Given, HostRun, LINK_MONITOR, Planned, RunMission, Settings, Shown,
+    Behind, CALL_INTERVAL_US, Ended, Given, HostRun, LINK_MONITOR, Planned, RunMission, Settings,
+    Shown, Switches,
 };
 pub use session::RunError;
