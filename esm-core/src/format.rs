@@ -38,6 +38,10 @@
 //! | connections | 2 | net, or none for an open port |
 //! | nets | 8 | hash of the type's name (64 bits) |
 //! | names | 1 | see below |
+//! | links | 16 | bits a second; gap in µs (32 bits each); header bytes and, in the high byte, bits of a byte; task of `transmit` and of `receive`, or none; 0 |
+//! | frames | 28 | configuration (64 bits); period, first start, and how old a value may be, or 0 for three periods (32 bits each, in µs); identifier and, in bit 15, whether it is received; link; bytes of the payload; flags, 0 for a value |
+//!
+//! A mission without links ends behind the names: it has neither of the last two sections.
 //!
 //! **Templates and instances.** A container is stored once, however often it is used: containers,
 //! regions, states, transitions and code are templates. What differs from instance to instance are
@@ -119,6 +123,12 @@
 //! on it. Word *k* of the row is for the region instances from 32 · (first region word + *k*) on,
 //! the first in the highest bit. A row neither begins nor ends with a word without bits. Rows may
 //! be shared.
+//!
+//! **Frames.** Those of link 0, of link 1, …; of each link first what it sends, then what it
+//! receives. The data ports of a dispatcher's task are the values of its frames in this order. Its
+//! flags are first those that its flag frames carry, then those that come by themselves: one for
+//! each frame that is sent, two for each that is received, and the last of `receive` is `errors`.
+//! What is said here of links and frames, [`crate::frames::check`] looks at.
 //!
 //! # Names
 //!
@@ -240,15 +250,20 @@ pub const TASK_CONTROL_FLAGS: usize = 3;
 pub const CONTAINER_CONTROL_FLAGS: usize = 2;
 
 macro_rules! sections {
-    ($( $(#[$doc:meta])* $variant:ident $field:ident, )*) => {
+    ($( $(#[$doc:meta])* $variant:ident $field:ident, )*
+     ; $( $(#[$last_doc:meta])* $last:ident $last_field:ident, )*) => {
         /// The sections of a blob, in their order.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
         #[repr(u8)]
-        pub enum Section { $( $(#[$doc])* $variant, )* }
+        pub enum Section { $( $(#[$doc])* $variant, )* $( $(#[$last_doc])* $last, )* }
 
         impl Section {
             /// All sections in their order.
-            pub const ALL: [Self; [$(Self::$variant),*].len()] = [$(Self::$variant),*];
+            pub const ALL: [Self; [$(Self::$variant,)* $(Self::$last,)*].len()] =
+                [$(Self::$variant,)* $(Self::$last,)*];
+
+            /// How many sections every blob has; those behind them only one with links.
+            pub(crate) const ALWAYS: usize = [$(Self::$variant),*].len();
 
             /// The section with a number; the first if there is none.
             // Spelt out it is no code but the comparison, where a table would have to be looked up.
@@ -256,6 +271,7 @@ macro_rules! sections {
             pub(crate) fn with_number(number: u8) -> Self {
                 match number {
                     $( number if number == Self::$variant as u8 => Self::$variant, )*
+                    $( number if number == Self::$last as u8 => Self::$last, )*
                     _ => Self::Mission,
                 }
             }
@@ -267,6 +283,12 @@ macro_rules! sections {
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
         pub struct Envelope<'a> {
             $( $(#[$doc])* #[serde(borrow)] pub $field: &'a [u8], )*
+        }
+
+        /// What follows the [`Envelope`] in a mission with links.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+        pub struct Communication<'a> {
+            $( $(#[$last_doc])* #[serde(borrow)] pub $last_field: &'a [u8], )*
         }
     };
 }
@@ -312,7 +334,15 @@ sections! {
     Nets nets,
     /// Names.
     Names names,
+    ;
+    /// Links.
+    Links links,
+    /// What crosses them.
+    Frames frames,
 }
+
+/// Set in the identifier of a frame that is received.
+pub const FRAME_IS_RECEIVED: u16 = 1 << 15;
 
 /// CRC-32 (IEEE 802.3) of `bytes`.
 #[must_use]

@@ -301,6 +301,43 @@ records! {
         /// Hash of the type's name.
         type_hash: U64,
     }
+
+    /// A link.
+    Links: Link {
+        /// Bits a second.
+        rate_bps: U32,
+        /// How long it is silent between two frames, in microseconds.
+        gap_us: U32,
+        /// What medium and identifier take of a frame, in bytes, and in the high byte the bits
+        /// that a byte takes on the wire.
+        header_and_bits: U16,
+        /// The task that sends, or none.
+        transmit: Short,
+        /// The task that receives, or none.
+        receive: Short,
+        /// 0.
+        reserved: U16,
+    }
+
+    /// A frame of a link.
+    Frames: Frame {
+        /// What it means: sender and receiver of one meaning have one number.
+        configuration: U64,
+        /// Period in microseconds.
+        period_us: U32,
+        /// First start in microseconds, below the period; 0 for one that is received.
+        start_us: U32,
+        /// How old a received value may be in microseconds; 0 for three periods.
+        late_us: U32,
+        /// Identifier, and whether it is received.
+        id: U16,
+        /// Its link.
+        link: Short,
+        /// Bytes of the payload.
+        payload: Short,
+        /// Flags that it carries, the first in the lowest bit; 0 where it carries a value.
+        flags: Short,
+    }
 }
 
 impl State {
@@ -381,6 +418,8 @@ const RECORD_BYTES: [u8; Section::ALL.len()] = {
             Section::TaskInstances => size_of::<TaskInstance>(),
             Section::Connections => size_of::<Connection>(),
             Section::Nets => size_of::<Net>(),
+            Section::Links => size_of::<Link>(),
+            Section::Frames => size_of::<Frame>(),
             // Texts.
             Section::Signatures | Section::Names => size_of::<u8>(),
         } as u8;

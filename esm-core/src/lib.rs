@@ -21,7 +21,7 @@
 //! 5. [`Dispatcher`] says which slot is due next.
 //!
 //! Apart from these stand [`signature`], by which firmware and missions know a task, and [`texts`],
-//! the checks of what only people read.
+//! the checks of what only people read, and [`frames`], the table of a mission's links.
 //!
 //! # Ten lines that run
 //!
@@ -49,6 +49,7 @@ mod arena;
 mod buffer;
 pub mod dispatcher;
 pub mod format;
+pub mod frames;
 mod interpreter;
 pub mod layout;
 pub mod reads;

@@ -126,7 +126,8 @@ impl<'a> Signature<'a> {
         fnv1a(self.text)
     }
 
-    /// Name of the task; empty if the text is malformed.
+    /// Name of the task; empty if the text is malformed. That of a dispatcher is its link's, a dot,
+    /// and `transmit` or `receive`.
     #[must_use]
     pub fn name(self) -> &'a [u8] {
         self.split().map_or(&[], |(name, _)| name)
@@ -144,7 +145,17 @@ impl<'a> Signature<'a> {
     /// text is judged.
     #[must_use]
     pub fn counts(self) -> Option<PortCounts> {
-        let (_, body) = self.split()?;
+        let (name, body) = self.split()?;
+        let (first, rest) = identifier(name)?;
+        let is_name = !first.is_empty()
+            && match rest.split_first() {
+                None => true,
+                Some((b'.', rest)) => identifier(rest).is_some_and(|(_, rest)| rest.is_empty()),
+                Some(_) => false,
+            };
+        if !is_name {
+            return None;
+        }
         let mut ports = Ports { rest: body };
         let mut counts = PortCounts::default();
         for port in ports.by_ref() {
@@ -160,7 +171,9 @@ impl<'a> Signature<'a> {
 
     /// The name and what stands between the braces.
     fn split(self) -> Option<(&'a [u8], &'a [u8])> {
-        let (name, rest) = identifier(self.text.strip_prefix(b"task ")?)?;
+        let text = self.text.strip_prefix(b"task ")?;
+        let end = text.iter().position(|byte| *byte == b'{')?;
+        let (name, rest) = text.split_at_checked(end)?;
         Some((name, rest.strip_prefix(b"{")?.strip_suffix(b"}")?))
     }
 }
@@ -347,6 +360,11 @@ mod tests {
             (b"task A{in data x:T within 4000000001;}", None),
             (b"task A{in data x:T within 4294967297;}", None),
             (b"task A{in data x:T within 99999999999;}", None),
+            (b"task radio.transmit{in flag f;}", counts(0, 1, 0)),
+            (b"task radio.{}", None),
+            (b"task .transmit{}", None),
+            (b"task a.b.c{}", None),
+            (b"task a b{}", None),
             (b"task A{sideways flag f;}", None),
             (b"task {}", None),
             (b"task A", None),

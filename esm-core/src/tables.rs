@@ -1003,6 +1003,18 @@ impl<'a> Tables<'a> {
         })
     }
 
+    /// The links.
+    #[must_use]
+    pub fn links(&self) -> &'a [layout::Link] {
+        self.records()
+    }
+
+    /// The frames of all links.
+    #[must_use]
+    pub fn frames(&self) -> &'a [layout::Frame] {
+        self.records()
+    }
+
     /// The name table, unless it was left out.
     #[must_use]
     pub fn names(&self) -> Option<Names<'a>> {

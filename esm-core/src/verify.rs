@@ -74,7 +74,8 @@ use core::ops::Deref;
 use crate::buffer::{BlobBuffer, BlobReader};
 use crate::format::{self, Section};
 use crate::layout::{
-    Channel, Connection, Container, Listener, Mission, Task, TaskInstance, TaskState, record_bytes,
+    Channel, Connection, Container, Listener, Mission, Slot, Task, TaskInstance, TaskState,
+    record_bytes,
 };
 use crate::refusal::{Cause, Refusal};
 use crate::tables::{self, Tables};
@@ -179,6 +180,9 @@ impl Layout {
         self.crc = stored;
         let mut at = format::MAGIC.len();
         for (section, place) in Section::ALL.into_iter().zip(&mut self.sections) {
+            if section as usize == Section::ALWAYS && at == body.len() {
+                break;
+            }
             let length = format::read_varint(body, &mut at).ok_or(Refusal::Cut)?;
             let record_bytes = record_bytes(section) as u32;
             let records = length / record_bytes;
@@ -203,6 +207,11 @@ impl Layout {
         }
         check(self.tables(bytes)).map_err(Refusal::from)
     }
+}
+
+/// Whether all these times are ones that can be, and no two of them are ever due at once.
+pub(crate) fn are_apart(times: &[Slot]) -> bool {
+    slots::check(times, usize::MAX).is_ok()
 }
 
 /// Checks all tables.

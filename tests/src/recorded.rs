@@ -177,7 +177,7 @@ fn try_mission(path: &Path) -> Result<Mission, String> {
     let (Some(schedule), Some(model)) = (schedule, checked.model.as_ref()) else {
         return Err("it has errors".to_owned());
     };
-    let blob = compile(model, &schedule.starts_us).map_err(|error| error.to_string())?;
+    let blob = compile(model, &schedule).map_err(|error| error.to_string())?;
     let verified = esm_core::verify(blob).map_err(|(_, refusal)| format!("{refusal:?}"))?;
     Mission::new(path, verified).map_err(|error| error.to_string())
 }

@@ -60,7 +60,7 @@ fn compiled(mut checked: Checked) -> Result<Built, String> {
     }
     let model = checked.model.ok_or("no errors and yet no model")?;
     let schedule = schedule.ok_or("no errors and yet no schedule")?;
-    let blob = compile::compile(&model, &schedule.starts_us)
+    let blob = compile::compile(&model, &schedule)
         .map_err(|error| format!("the compiler refuses it: {error}"))?;
     Ok(Built { model, blob })
 }

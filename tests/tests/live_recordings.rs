@@ -195,7 +195,7 @@ fn mission(name: &str) -> Mission {
     let schedule = checked
         .lay_out(work_limit(Duration::from_secs(60)))
         .unwrap();
-    let blob = compile(checked.model.as_ref().unwrap(), &schedule.starts_us).unwrap();
+    let blob = compile(checked.model.as_ref().unwrap(), &schedule).unwrap();
     Mission::new(&path, esm_core::verify(blob).unwrap()).unwrap()
 }
 

@@ -627,7 +627,7 @@ fn random_machines_under_random_inputs_are_had_again() {
         let Some(model) = checked.model.as_ref() else {
             continue;
         };
-        let verified = esm_core::verify(compile(model, &schedule.starts_us).unwrap()).unwrap();
+        let verified = esm_core::verify(compile(model, &schedule).unwrap()).unwrap();
         let mission = Mission::new(Path::new("random.esm"), verified).unwrap();
         let verified = esm_core::verify(mission.blob.as_slice()).unwrap();
         let mut arena = vec![0; verified.arena_words()];

@@ -23,7 +23,7 @@ fn blob(checked: &mut Checked, names: NameTable) -> Vec<u8> {
     let schedule = checked.lay_out(work_limit(LAY_OUT_LIMIT));
     assert!(!checked.has_errors(), "{}", checked.render(false));
     let model = checked.model.as_ref().unwrap();
-    compile_with(model, &schedule.unwrap().starts_us, names).unwrap()
+    compile_with(model, &schedule.unwrap(), names).unwrap()
 }
 
 /// Goes round with names and without. Gives the source that came back with names.

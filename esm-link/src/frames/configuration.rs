@@ -9,7 +9,7 @@ pub enum Content<'a> {
     /// The value of a data port, whose type has this name.
     Value(&'a str),
     /// So many flags, the first in the lowest bit of the first byte.
-    Flags(u8),
+    Flags(u16),
 }
 
 /// The configuration of a frame: the [`fnv1a`] of `id type payload period_us`, numbers in decimal,

@@ -17,7 +17,7 @@ use crate::compile::{CompileError, NameTable};
 use crate::fit;
 use crate::lang::{self, Checked, Code, Diagnostic, Folded, LoadError};
 use crate::model::SourceFile;
-use crate::schedule::Schedule;
+use crate::schedule::LaidOut;
 use crate::time::work_limit;
 use crate::trace::directory::Directory;
 
@@ -210,7 +210,7 @@ pub fn lay_out_and_compile(
 /// See [`lay_out_and_compile`].
 pub fn compile(
     checked: &mut Checked,
-    schedule: &Schedule,
+    schedule: &LaidOut,
     board: Option<&Board>,
     names: NameTable,
 ) -> Result<Option<Verified<Vec<u8>>>, CommandError> {

@@ -17,15 +17,16 @@ use super::console::Console;
 use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
+use crate::lang::Checked;
 use crate::lang::analysis::sharing::{self, SlotTasks};
 use crate::model::{Model, SlotRef, StateKind};
 use crate::pictures::SlotPicture;
-use crate::schedule::{self, Outcome, Report, SlotReport, SnapReport};
+use crate::schedule::{self, Limit, LinkReport, Outcome, Report, SlotReport, SnapReport};
 use crate::time::{wall_limit, work_limit};
 use crate::timetable::Timetable;
 use crate::trace_events;
 
-/// Lays out the time slots: when each one starts, or why there is no way
+/// Lays out the time slots and the frames of links: when each one starts, or why there is no way
 ///
 /// FILE needs no machine: slots alone are enough. The answer is a schedule, a proof that there is
 /// none, or, where the time given ran out, that it is undecided; only a schedule makes the exit
@@ -43,7 +44,7 @@ Examples:
 
 With --json: feasible (true, false, or null where undecided in time), hyperperiod_us, utilisation, slots: [slot, start_us, \
 period_us, duration_us, growth_us], growth_factor, tasks: [slot, duration_us, worst_us, together, tasks, left_out, without_wcet], \
-and reason and cure where the answer is no; with --snap also snap: [harmonic, hyperperiod_us, utilisation, total_percent, \
+links: [link, utilisation, feasible, frames: [frame, id, start_us, period_us, duration_us]], and reason and cure where the answer is no; with --snap also snap: [harmonic, hyperperiod_us, utilisation, total_percent, \
 changes: [slot, period_us, new_period_us, percent]]. It comes also where the answer is no.")]
 pub struct ScheduleArgs {
     /// The file with the slots
@@ -109,6 +110,7 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
         None => Some(schedule::solve(checked.slots(), limit)).filter(is_infeasible),
         answer => answer,
     };
+    let links = links(&mut checked, limit);
     searching.finish_and_clear();
     let Some(outcome) = outcome else {
         let audience = if args.json {
@@ -131,9 +133,13 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
         console.json_line(&Answer {
             report: &report,
             tasks: &tasks,
+            links: &links,
         })?;
     } else {
         table(&report, console)?;
+        links
+            .iter()
+            .try_for_each(|link| link_table(link, console))?;
         let columns = console.columns();
         console.text(&chart::chart(&timetable, columns))?;
         console.text(&tasks::table(&tasks, columns.max(tasks::LEAST_COLUMNS)))?;
@@ -180,6 +186,49 @@ struct Answer<'a> {
     #[serde(flatten)]
     report: &'a Report,
     tasks: &'a [SlotTasks],
+    links: &'a [LinkReport],
+}
+
+/// What each link sends, and when.
+fn links(checked: &mut Checked, limit: Limit) -> Vec<LinkReport> {
+    let outcomes = checked.solve_links(limit);
+    let reported = checked.links().iter().enumerate().map(|(index, link)| {
+        let known = outcomes.as_ref().and_then(|outcomes| outcomes.get(index));
+        // Something is wrong with links or frames. What the others prove impossible stays so.
+        let outcome = known.cloned().unwrap_or_else(|| {
+            Some(schedule::solve(&link.frames, limit))
+                .filter(is_infeasible)
+                .unwrap_or(Outcome::Undecided)
+        });
+        schedule::link_report(&link.link, &link.names, &link.frames, &outcome)
+    });
+    reported.collect()
+}
+
+fn link_table(link: &LinkReport, console: &mut Console) -> Result<(), CommandError> {
+    let out = console.out();
+    let name = &link.link;
+    let percent = link.utilisation * 100.0;
+    writeln!(out, "\nlink {name}: {percent:.1} % of its time is taken")?;
+    let Some(width) = link.frames.iter().map(|frame| frame.frame.len()).max() else {
+        return Ok(());
+    };
+    let width = width.max("frame".len());
+    writeln!(
+        out,
+        "{:>width$} {:>5} {:>12} {:>12} {:>12}",
+        "frame", "id", "start", "period", "duration"
+    )?;
+    for frame in &link.frames {
+        let [start, period, duration] = [frame.start_us, frame.period_us, frame.duration_us]
+            .map(|us| Time { us: us.into() }.to_string());
+        writeln!(
+            out,
+            "{:>width$} {:>5} {start:>12} {period:>12} {duration:>12}",
+            frame.frame, frame.id
+        )?;
+    }
+    Ok(())
 }
 
 /// Names of the tasks that states put into each slot, by its number, each once and in the order of

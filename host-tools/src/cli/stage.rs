@@ -26,6 +26,7 @@ use crate::plant::flash::{Flash, FlashError};
 use crate::qemu::firmware::{self, FirmwareError};
 use crate::run::board::Board;
 use crate::run::mission::Mission;
+use crate::schedule::LaidOut;
 use crate::schedule::handover::{self, Handover, SlotTable};
 use crate::time::work_limit;
 use crate::world::{World, WorldError};
@@ -321,9 +322,13 @@ impl Staged {
         console: &mut Console,
     ) -> Result<Handover, CommandError> {
         if let Some(checked) = &mut self.source {
-            let schedule =
-                handover::lay_out(running, &self.slots, work_limit(mission::LAY_OUT_LIMIT));
+            let limit = work_limit(mission::LAY_OUT_LIMIT);
+            let schedule = handover::lay_out(running, &self.slots, limit);
             if schedule.starts_us != self.slots.starts_us() {
+                let schedule = LaidOut {
+                    starts_us: schedule.starts_us,
+                    frame_starts_us: checked.lay_out_frames(limit).unwrap_or_default(),
+                };
                 let blob = mission::compile(checked, &schedule, None, NameTable::Kept)?;
                 let verified = blob.ok_or(CommandError::Told)?;
                 self.slots = SlotTable::of(&verified.tables());

@@ -18,7 +18,7 @@ use crate::bound::{Machine, bound};
 use crate::compile::{self, CompileError, NameTable};
 use crate::lang::{Checked, Code, Diagnostic};
 use crate::model::{Model, PathEnd, Span, StateKind};
-use crate::schedule::Schedule;
+use crate::schedule::LaidOut;
 
 /// Compiles a checked set of files with a machine. What does not fit into a blob, or onto `board`
 /// where one is named, is added as E012, macro steps that can last longer than their slot on that
@@ -29,7 +29,7 @@ use crate::schedule::Schedule;
 /// could be made of them.
 pub fn compile_to_fit(
     checked: &mut Checked,
-    schedule: &Schedule,
+    schedule: &LaidOut,
     board: Option<&Board>,
     names: NameTable,
 ) -> Result<Option<Verified<Vec<u8>>>, CompileError> {
@@ -37,7 +37,7 @@ pub fn compile_to_fit(
         return Ok(None);
     };
     let whole = machine_span(model);
-    let compiled = compile::compile_with(model, &schedule.starts_us, names).and_then(|blob| {
+    let compiled = compile::compile_with(model, schedule, names).and_then(|blob| {
         esm_core::verify(blob).map_err(|(_, refusal)| CompileError::Refused(refusal))
     });
     let verified = match compiled {

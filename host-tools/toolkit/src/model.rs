@@ -41,8 +41,12 @@ pub struct Model {
     pub events: Vec<String>,
     /// Slots in source order; slot 0 (non-real-time) is never among them.
     pub slots: Vec<Slot>,
-    /// Tasks in source order.
+    /// Tasks in source order; behind them those of the dispatchers, two for each link.
     pub tasks: Vec<Task>,
+    /// Links in source order.
+    pub links: Vec<Link>,
+    /// Frames in source order.
+    pub frames: Vec<Frame>,
     /// Containers and the machine, in source order (of the files in the order of their first use).
     pub containers: Vec<Container>,
 }
@@ -188,10 +192,123 @@ pub struct Task {
     pub flags: Vec<Flag>,
     /// Parameters in source order.
     pub params: Vec<Param>,
+    /// Which dispatcher it is, where it is one: no file declares it then.
+    pub dispatcher: Option<Dispatcher>,
     /// What the `///` lines before the declaration say, a line each; empty without any.
     pub docs: String,
     /// The name in the declaration.
     pub span: Span,
+}
+
+/// A dispatcher of a link.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Dispatcher {
+    /// Index into [`Model::links`].
+    pub link: usize,
+    /// [`Direction::Out`] for `transmit`, [`Direction::In`] for `receive`.
+    pub direction: Direction,
+}
+
+/// The greatest identifier of a frame: 11 bits.
+pub const MAX_FRAME_ID: u32 = 2_047;
+
+/// The most frames of a dispatcher.
+pub const MAX_FRAMES: usize = 64;
+
+/// The longest payload of a frame.
+pub const MAX_PAYLOAD_BYTES: u8 = 240;
+
+/// Bytes of the checksum behind each payload.
+pub const CHECKSUM_BYTES: u8 = 4;
+
+/// A line between processors.
+#[derive(Clone, Debug)]
+pub struct Link {
+    /// Name.
+    pub name: String,
+    /// Bits a second, 1 to 100,000,000; `None` where it could not be read.
+    pub rate_bps: Option<u32>,
+    /// What the medium and the identifier take of each frame.
+    pub header_bytes: u8,
+    /// Bits that a byte takes on the wire, 1 to 20.
+    pub bits: u8,
+    /// How long the line is silent between two frames, in microseconds.
+    pub gap_us: u32,
+    /// Index into [`Model::tasks`] of the dispatcher that sends.
+    pub transmit: usize,
+    /// Index into [`Model::tasks`] of the dispatcher that receives.
+    pub receive: usize,
+    /// What the `///` lines before the declaration say, a line each; empty without any.
+    pub docs: String,
+    /// The name in the declaration.
+    pub span: Span,
+    /// The whole declaration.
+    pub declaration: Span,
+}
+
+/// What crosses a link.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Name.
+    pub name: String,
+    /// Identifier, at most [`MAX_FRAME_ID`].
+    pub id: u16,
+    /// Index into [`Model::links`].
+    pub link: usize,
+    /// Whether it is sent or received.
+    pub direction: Direction,
+    /// What it carries.
+    pub content: Content,
+    /// Bytes of its payload, 1 to [`MAX_PAYLOAD_BYTES`]; `None` where they could not be read.
+    pub payload_bytes: Option<u8>,
+    /// Its period in microseconds; `None` where it could not be read.
+    pub period_us: Option<u32>,
+    /// How old a received value may be in microseconds; three periods where nothing is said.
+    pub late_us: Option<u32>,
+    /// What the `///` lines before the declaration say, a line each; empty without any.
+    pub docs: String,
+    /// The name in the declaration.
+    pub span: Span,
+    /// The whole declaration.
+    pub declaration: Span,
+}
+
+/// What a frame carries.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Content {
+    /// The value of a data port: its type.
+    Value(String),
+    /// Flags by their names, the first in the lowest bit.
+    Flags(Vec<String>),
+}
+
+impl Frame {
+    /// How long it takes on its link with the gap behind it, in microseconds.
+    #[must_use]
+    pub fn duration_us(&self, link: &Link) -> Option<u64> {
+        const US_PER_SECOND: u64 = 1_000_000;
+        let payload = self.payload_bytes.filter(|bytes| *bytes > 0)?;
+        let bytes = u64::from(link.header_bytes) + u64::from(payload) + u64::from(CHECKSUM_BYTES);
+        let bits = bytes * u64::from(link.bits);
+        let rate_bps = u64::from(link.rate_bps?.max(1));
+        Some((bits * US_PER_SECOND).div_ceil(rate_bps) + u64::from(link.gap_us))
+    }
+
+    /// How old a received value may be, in microseconds.
+    #[must_use]
+    pub fn late_us(&self) -> u64 {
+        const LATE_PERIODS: u64 = 3;
+        let periods = LATE_PERIODS * u64::from(self.period_us.unwrap_or(0));
+        self.late_us.map_or(periods, u64::from)
+    }
+}
+
+impl Model {
+    /// The frames that are sent over a link, in source order.
+    pub fn frames_out(&self, link: usize) -> impl Iterator<Item = &Frame> {
+        (self.frames.iter())
+            .filter(move |frame| frame.link == link && frame.direction == Direction::Out)
+    }
 }
 
 /// How a container lists an event. `in` and `out` can both hold; neither is a local event.

@@ -71,7 +71,7 @@ pub fn directory_and_blob(machine: &str) -> (Arc<Directory>, Vec<u8>) {
     let (Some(model), Some(schedule)) = (&checked.model, schedule) else {
         panic!("{}", checked.render(false));
     };
-    let blob = compile(model, &schedule.starts_us).unwrap();
+    let blob = compile(model, &schedule).unwrap();
     let verified = esm_core::verify(&blob[..]).unwrap();
     (Arc::new(Directory::of(&verified.tables()).unwrap()), blob)
 }

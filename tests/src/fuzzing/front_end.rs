@@ -76,12 +76,12 @@ pub fn front_end(bytes: &[u8]) {
         panic!("no error, and yet no schedule");
     };
     assert_eq!(
-        schedule::check(checked.slots(), &schedule.starts_us),
+        schedule::check(checked.slots(), &schedule),
         Ok(())
     );
-    let blob = compile::compile(model, &schedule.starts_us);
+    let blob = compile::compile(model, &schedule);
     if chosen.one_in(4, 20) {
-        assert_eq!(blob, compile::compile(model, &schedule.starts_us));
+        assert_eq!(blob, compile::compile(model, &schedule));
     }
     match blob {
         Ok(blob) => assert!(esm_core::verify(blob).is_ok()),

@@ -3,7 +3,7 @@
 //! The passes run in the order of the modules: which containers the machine uses and how an
 //! instance of each is laid out (`layout`); guards and actions (`code`); templates as records
 //! (`templates`); the instance tree (`instances`); who listens to which events (`channels`); which
-//! ports share a net (`nets`); names (`names`). What comes out is verified by the firmware's own
+//! ports share a net (`nets`); links and frames (`links`); names (`names`). What comes out is verified by the firmware's own
 //! code before anybody gets it.
 //!
 //! Equal models give equal bytes: nothing here depends on addresses, hash seeds or time.
@@ -12,6 +12,7 @@ mod channels;
 mod code;
 mod instances;
 mod layout;
+mod links;
 mod names;
 mod nets;
 #[cfg(test)]
@@ -28,6 +29,7 @@ use esm_core::layout::{Mission, Record, Short, Slot};
 use esm_core::{Cause, Refusal};
 
 use crate::model::{Container, Model, Span};
+use crate::schedule::LaidOut;
 
 /// Why a model cannot become a blob.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -133,6 +135,10 @@ pub enum Capacity {
     Ports,
     /// Nets.
     Nets,
+    /// Links.
+    Links,
+    /// Frames of one link in one direction.
+    Frames,
 }
 
 impl std::fmt::Display for Capacity {
@@ -160,6 +166,8 @@ impl std::fmt::Display for Capacity {
             Self::Params => "parameter values",
             Self::Ports => "data ports",
             Self::Nets => "nets",
+            Self::Links => "links",
+            Self::Frames => "frames of one link in one direction",
         })
     }
 }
@@ -234,8 +242,44 @@ pub enum NameTable {
 ///
 /// # Errors
 /// See [`CompileError`].
-pub fn compile(model: &Model, starts_us: &[u32]) -> Result<Vec<u8>, CompileError> {
-    compile_with(model, starts_us, NameTable::Kept)
+pub fn compile<'s>(model: &Model, starts: impl Into<Starts<'s>>) -> Result<Vec<u8>, CompileError> {
+    compile_with(model, starts, NameTable::Kept)
+}
+
+/// First starts of slots and frames in microseconds, in the order of the model: those of
+/// [`Model::slots`], and for each link those of the frames that are sent.
+#[derive(Clone, Copy, Debug)]
+pub struct Starts<'s> {
+    slots: &'s [u32],
+    frames: &'s [Vec<u32>],
+}
+
+impl<'s> From<&'s LaidOut> for Starts<'s> {
+    fn from(schedule: &'s LaidOut) -> Self {
+        Starts {
+            slots: &schedule.starts_us,
+            frames: &schedule.frame_starts_us,
+        }
+    }
+}
+
+/// Of a model without links.
+impl<'s> From<&'s [u32]> for Starts<'s> {
+    fn from(slots: &'s [u32]) -> Self {
+        Starts { slots, frames: &[] }
+    }
+}
+
+impl<'s> From<&'s Vec<u32>> for Starts<'s> {
+    fn from(slots: &'s Vec<u32>) -> Self {
+        slots.as_slice().into()
+    }
+}
+
+impl<'s, const COUNT: usize> From<&'s [u32; COUNT]> for Starts<'s> {
+    fn from(slots: &'s [u32; COUNT]) -> Self {
+        slots.as_slice().into()
+    }
 }
 
 /// The machine, if it has no region. Nothing is wrong with it, and no blob holds it.
@@ -244,16 +288,17 @@ pub fn machine_without_regions(model: &Model) -> Option<&Container> {
     machine.regions.is_empty().then_some(machine)
 }
 
-/// Compiles the machine of a model into a blob. `starts_us` has the first start of each slot in
-/// microseconds, in the order of [`Model::slots`].
+/// Compiles the machine of a model into a blob.
 ///
 /// # Errors
 /// See [`CompileError`].
-pub fn compile_with(
+pub fn compile_with<'s>(
     model: &Model,
-    starts_us: &[u32],
+    starts: impl Into<Starts<'s>>,
     name_table: NameTable,
 ) -> Result<Vec<u8>, CompileError> {
+    let starts = starts.into();
+    let starts_us = starts.slots;
     let machine = model.machine.ok_or(CompileError::NoMachine)?;
     let interpreter_slot = model
         .interpreter_slot
@@ -296,6 +341,7 @@ pub fn compile_with(
         NameTable::LeftOut => Vec::new(),
     };
     let instances = tree.write();
+    let communication = links::write(model, &templates, starts.frames)?;
 
     let mut mission = Table::default();
     mission.push(Mission {
@@ -327,17 +373,27 @@ pub fn compile_with(
         nets: &nets.nets.bytes,
         names: &names,
     };
-    seal(model, &envelope)
+    seal(model, &envelope, &communication)
 }
 
 /// Puts magic and CRC around the envelope, and lets the verifier have the last word.
-fn seal(model: &Model, envelope: &Envelope<'_>) -> Result<Vec<u8>, CompileError> {
+fn seal(
+    model: &Model,
+    envelope: &Envelope<'_>,
+    communication: &links::Tables,
+) -> Result<Vec<u8>, CompileError> {
     let mut blob = format::MAGIC.to_vec();
     blob = postcard::to_extend(envelope, blob).map_err(|_| CompileError::Refused(Refusal::Cut))?;
+    if let Some(communication) = communication.sections() {
+        blob = postcard::to_extend(&communication, blob)
+            .map_err(|_| CompileError::Refused(Refusal::Cut))?;
+    }
     let crc = format::crc32(&blob);
     blob.extend_from_slice(&crc.to_le_bytes());
     match esm_core::verify(blob) {
-        Ok(verified) => match esm_core::texts::check(&verified.tables()) {
+        Ok(verified) => match esm_core::texts::check(&verified.tables())
+            .and_then(|()| esm_core::frames::check(&verified.tables()))
+        {
             Ok(()) => Ok(verified.into_bytes()),
             Err(refusal) => Err(CompileError::Refused(refusal)),
         },

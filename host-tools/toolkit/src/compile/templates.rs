@@ -103,6 +103,11 @@ pub(super) fn write(
 const EVENT_BITS: usize = u32::BITS as usize;
 
 impl Templates {
+    /// Number of a task in the blob, by its place in the model; none where it is not used.
+    pub(super) fn task_number(&self, task: usize) -> Option<usize> {
+        self.task_numbers.get(&task).copied()
+    }
+
     fn region(
         &mut self,
         model: &Model,

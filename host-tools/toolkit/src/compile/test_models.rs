@@ -147,6 +147,7 @@ pub fn task(name: &str, flags: Vec<Flag>) -> Task {
         data: Vec::new(),
         flags,
         params: Vec::new(),
+        dispatcher: None,
         docs: String::new(),
         span: Span::default(),
     }
@@ -171,6 +172,8 @@ pub fn model(events: &[&str], tasks: Vec<Task>, containers: Vec<Container>) -> M
         slots: vec![slot(1), slot(2)],
         tasks,
         containers,
+        links: Vec::new(),
+        frames: Vec::new(),
     }
 }
 

@@ -415,7 +415,7 @@ mod tests {
         let mut checked = lang::load_text("m.esm", text);
         let schedule = checked.lay_out(Duration::from_secs(5)).expect("it fits");
         let model = checked.model.expect("it is right");
-        esm_core::verify(compile(&model, &schedule.starts_us).unwrap()).unwrap()
+        esm_core::verify(compile(&model, &schedule).unwrap()).unwrap()
     }
 
     const BEFORE: &str =

@@ -33,6 +33,8 @@ pub enum Code {
     E012,
     /// What makes a set of files a whole is wrong: machines, interpreter slot, `use`.
     E013,
+    /// A link or a frame that cannot work.
+    E014,
     /// State that nothing reaches.
     W101,
     /// Event that does nothing.
@@ -61,7 +63,7 @@ pub enum Code {
 
 impl Code {
     /// All codes, in order.
-    pub const ALL: [Code; 25] = [
+    pub const ALL: [Code; 26] = [
         Code::E001,
         Code::E002,
         Code::E003,
@@ -75,6 +77,7 @@ impl Code {
         Code::E011,
         Code::E012,
         Code::E013,
+        Code::E014,
         Code::W101,
         Code::W102,
         Code::W103,
@@ -105,6 +108,7 @@ impl Code {
             Code::E011 => "E011",
             Code::E012 => "E012",
             Code::E013 => "E013",
+            Code::E014 => "E014",
             Code::W101 => "W101",
             Code::W102 => "W102",
             Code::W103 => "W103",

@@ -71,13 +71,15 @@ pub enum TokenKind {
     Path,
     #[token("with")]
     With,
+    #[token("link")]
+    Link,
+    #[token("frame")]
+    Frame,
     #[token("true")]
     True,
     #[token("false")]
     False,
     /// A word that is kept for later versions of the language.
-    #[token("link")]
-    #[token("frame")]
     #[token("assert")]
     #[token("history")]
     KeptForLater,
@@ -440,9 +442,9 @@ mod tests {
                 &[(T::In, "in"), (T::InOut, "inout"), (T::Identifier, "input")],
             ),
             (
-                "link us Hz f32",
+                "history us Hz f32",
                 &[
-                    (T::KeptForLater, "link"),
+                    (T::KeptForLater, "history"),
                     (T::Identifier, "us"),
                     (T::Identifier, "Hz"),
                     (T::Identifier, "f32"),

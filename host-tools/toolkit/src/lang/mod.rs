@@ -38,8 +38,8 @@ pub use references::References;
 pub use set_values::Rewritten;
 pub use source::{LoadError, MAX_FILE_BYTES, Position, Positions};
 
-use crate::model::{Model, SourceFile, Span};
-use crate::schedule::{self, Limit, Outcome, Schedule, SlotSpec};
+use crate::model::{Link, Model, SourceFile, Span};
+use crate::schedule::{self, LaidOut, Limit, Outcome, SlotSpec};
 
 use diagnostic::Sink;
 use loader::Memory;
@@ -60,10 +60,41 @@ pub struct Checked {
     first_slot: Span,
     /// Whether these are all slots, and each is one that can occur.
     slots_are_sound: bool,
+    /// The frames that are sent over each link.
+    links: Vec<LinkFrames>,
     has_machine: bool,
     references: References,
     /// One for each file.
     trees: Vec<tree::File>,
+}
+
+/// The frames that are sent over a link, as the search for their start times takes them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LinkFrames {
+    /// Name of the link.
+    pub link: String,
+    /// Names of the frames, in source order.
+    pub names: Vec<String>,
+    /// Their times, in the same order; their numbers are their identifiers.
+    pub frames: Vec<SlotSpec>,
+    /// The declaration of the first.
+    first: Span,
+}
+
+impl LinkFrames {
+    fn of_model(model: &Model) -> Vec<Self> {
+        let of_link = |(index, link): (usize, &Link)| {
+            let names = model.frames_out(index).map(|frame| frame.name.clone());
+            LinkFrames {
+                link: link.name.clone(),
+                names: names.collect(),
+                frames: SlotSpec::of_link(model, index),
+                first: (model.frames_out(index).next())
+                    .map_or(link.declaration, |frame| frame.declaration),
+            }
+        };
+        model.links.iter().enumerate().map(of_link).collect()
+    }
 }
 
 /// Reads a file of `store` with all that it uses, and checks the set.
@@ -152,6 +183,7 @@ fn check(path: &str, store: &dyn Store) -> Result<Checked, LoadError> {
             && diagnostics
                 .iter()
                 .all(|diagnostic| diagnostic.code != Code::E010),
+        links: LinkFrames::of_model(&model),
         has_machine: model.machine.is_some(),
         references: resolved.references,
         trees: set.trees,
@@ -266,12 +298,72 @@ impl Checked {
         Some(outcome)
     }
 
-    /// [`Checked::solve_slots`] for those who want a schedule or nothing.
-    pub fn lay_out(&mut self, limit: impl Into<Limit>) -> Option<Schedule> {
-        match self.solve_slots(limit)? {
-            Outcome::Feasible(schedule) => Some(schedule),
-            Outcome::Infeasible(_) | Outcome::Undecided => None,
+    /// The frames that are sent over each link, in source order. All of them only where no error is
+    /// about frames.
+    pub fn links(&self) -> &[LinkFrames] {
+        &self.links
+    }
+
+    /// Searches for start times of the frames of each link, for at most `limit` each, and adds E011
+    /// where there are none or none were found.
+    ///
+    /// Gives `None` where links or frames are wrong already.
+    pub fn solve_links(&mut self, limit: impl Into<Limit>) -> Option<Vec<Outcome>> {
+        if self.links.is_empty() {
+            return Some(Vec::new());
         }
+        let mut errors = self.diagnostics.iter().map(|diagnostic| diagnostic.code);
+        if errors.any(|code| matches!(code, Code::E001 | Code::E010 | Code::E014)) {
+            return None;
+        }
+        let limit = limit.into();
+        let mut outcomes = Vec::with_capacity(self.links.len());
+        let mut diagnostics = Vec::new();
+        for link in &self.links {
+            let outcome = schedule::solve(&link.frames, limit);
+            let found = match &outcome {
+                Outcome::Feasible(_) => None,
+                Outcome::Infeasible(reason) => Some((
+                    format!(
+                        "there is no schedule for the frames of link `{}`: {}",
+                        link.link,
+                        reason.of_frames()
+                    ),
+                    "give them periods that are multiples of each other, smaller payloads, or a faster link",
+                )),
+                Outcome::Undecided => Some((
+                    format!(
+                        "no schedule was found {limit} for the frames of link `{}`, and no proof that there is none",
+                        link.link
+                    ),
+                    "give them periods that are multiples of each other; with `--limit` it searches longer",
+                )),
+            };
+            if let Some((message, hint)) = found {
+                diagnostics.push(Diagnostic::new(Code::E011, link.first, message).hint(hint));
+            }
+            outcomes.push(outcome);
+        }
+        diagnostics.into_iter().for_each(|found| self.add(found));
+        Some(outcomes)
+    }
+
+    /// [`Checked::solve_slots`] and [`Checked::solve_links`] for those who want a schedule of all or
+    /// nothing.
+    pub fn lay_out(&mut self, limit: impl Into<Limit>) -> Option<LaidOut> {
+        let limit = limit.into();
+        let slots = self.solve_slots(limit);
+        let frames = self.lay_out_frames(limit);
+        Some(LaidOut {
+            starts_us: starts(slots?)?,
+            frame_starts_us: frames?,
+        })
+    }
+
+    /// [`Checked::solve_links`] for those who want start times or nothing: for each link those of the
+    /// frames that are sent over it.
+    pub fn lay_out_frames(&mut self, limit: impl Into<Limit>) -> Option<Vec<Vec<u32>>> {
+        self.solve_links(limit)?.into_iter().map(starts).collect()
     }
 
     /// Which places of the files name the same thing.
@@ -328,5 +420,15 @@ impl Checked {
     }
 }
 
+/// The start times of an outcome, where it has some.
+fn starts(outcome: Outcome) -> Option<Vec<u32>> {
+    match outcome {
+        Outcome::Feasible(schedule) => Some(schedule.starts_us),
+        Outcome::Infeasible(_) | Outcome::Undecided => None,
+    }
+}
+
+#[cfg(test)]
+mod link_tests;
 #[cfg(test)]
 mod tests;

@@ -57,6 +57,10 @@ pub struct File {
     pub tasks: Vec<Task>,
     /// `container` and `machine`
     pub containers: Vec<Container>,
+    /// `link`
+    pub links: Vec<Link>,
+    /// `frame`
+    pub frames: Vec<Frame>,
     /// Names in what had to be skipped between the declarations: nobody may call them unknown.
     pub skipped: Vec<Name>,
     /// Whether a comment that is never closed hides the rest of it.
@@ -234,6 +238,61 @@ pub enum LiteralKind {
     Float,
 }
 
+/// `link radio rate 115200 bps header 4 bytes;`
+#[derive(Clone, Copy, Debug)]
+pub struct Link {
+    /// The `///` lines before it.
+    pub docs: Option<Span>,
+    /// The whole, from the word on.
+    pub span: Span,
+    /// Its name.
+    pub name: Option<Name>,
+    /// `rate 115200 bps`
+    pub rate_bps: Given<Number>,
+    /// `header 4 bytes`
+    pub header_bytes: Given<Number>,
+    /// `gap 1 ms`, in microseconds.
+    pub gap_us: Given<u32>,
+    /// `bits 10`
+    pub bits: Given<Number>,
+}
+
+/// `frame pose 7 out on radio: Pose payload 12 bytes period 100 ms;`
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// The `///` lines before it.
+    pub docs: Option<Span>,
+    /// The whole, from the word on.
+    pub span: Span,
+    /// Its name.
+    pub name: Option<Name>,
+    /// Its identifier.
+    pub number: Option<Number>,
+    /// `In` or `Out`; `None` where that is broken.
+    pub direction: Option<Direction>,
+    /// The link that it crosses.
+    pub link: Option<Name>,
+    /// What it carries.
+    pub content: Given<FrameContent>,
+    /// `payload 12 bytes`
+    pub payload_bytes: Given<Number>,
+    /// `period 100 ms` or `rate 10 Hz`
+    pub rate: Given<Rate>,
+    /// `late 300 ms`, in microseconds.
+    pub late_us: Given<u32>,
+    /// The word `late`.
+    pub late_word: Option<Span>,
+}
+
+/// What a frame carries.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FrameContent {
+    /// `: Pose`, the value of a data port.
+    Value(Name),
+    /// `flags lost, low`, the first in the lowest bit.
+    Flags(Vec<Name>),
+}
+
 /// `container Escape { … }` or `machine Rover { … }`
 #[derive(Clone, Debug)]
 pub struct Container {
@@ -332,10 +391,14 @@ pub enum StateKind {
     Simple,
     /// `task A: T;`
     Task {
-        /// Name of the task.
+        /// Name of the task; of the link, where it is a dispatcher.
         task: Option<Name>,
+        /// `.transmit` ([`Direction::Out`]) or `.receive` ([`Direction::In`]) of a link.
+        dispatcher: Given<(Direction, Name)>,
         /// `slot 2`
         slot: Given<Number>,
+        /// The word `slot`.
+        slot_word: Option<Span>,
         /// `with { speed = 0.3 }`
         with: Vec<(Name, Option<Literal>)>,
         /// Whether a part of `with` could not be read.
@@ -463,6 +526,10 @@ impl State {
     pub fn place_of_attributes(&self) -> Option<Span> {
         let name = match self.kind {
             StateKind::Simple => self.name,
+            StateKind::Task {
+                dispatcher: Given::Value((_, word)),
+                ..
+            } => Some(word),
             StateKind::Task { task, .. } => task,
             StateKind::Super { container } => container,
         };

@@ -65,6 +65,13 @@ pub enum Infeasibility {
 }
 
 impl Infeasibility {
+    /// The same where the slots are frames of a link.
+    pub fn of_frames(&self) -> String {
+        let text = self.to_string();
+        text.replace("into frames", "into windows")
+            .replace("slot", "frame")
+    }
+
     /// What helps in general, where no change of the slots at hand was found.
     pub(super) fn advice(&self) -> String {
         match self {

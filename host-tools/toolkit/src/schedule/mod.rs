@@ -47,7 +47,7 @@ pub use growth::{Growth, growth};
 pub use infeasibility::Infeasibility;
 pub use outcome::Outcome;
 pub(crate) use slot::gcd;
-pub use slot::{MAX_SLOTS, Schedule, SlotSpec, exceeds_one, hyperperiod_us, utilisation};
+pub use slot::{LaidOut, MAX_SLOTS, Schedule, SlotSpec, exceeds_one, hyperperiod_us, utilisation};
 pub use snap::{MAX_SNAP_PERCENT, RateChange, Snap, snap};
 use solve::solve_within;
 pub use solve::{overcommitted, solve};
@@ -121,6 +121,66 @@ pub fn report(slots: &[SlotSpec], outcome: &Outcome) -> Report {
         cure: reason.map(|reason| reason.cure(slots).to_string()),
         growth_factor: growth.together,
         snap: None,
+    }
+}
+
+/// A link of `esm schedule`, in the form of its JSON.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LinkReport {
+    /// Its name.
+    pub link: String,
+    /// Sum of duration over period of the frames that are sent.
+    pub utilisation: f64,
+    /// Whether there is a schedule; `None` where that is undecided.
+    pub feasible: Option<bool>,
+    /// The frames with their starts; empty without a schedule.
+    pub frames: Vec<FrameReport>,
+}
+
+/// A frame of a [`LinkReport`].
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FrameReport {
+    /// Its name.
+    pub frame: String,
+    /// Its identifier.
+    pub id: u32,
+    /// Its first start in microseconds, below its period.
+    pub start_us: u32,
+    /// Its period in microseconds.
+    pub period_us: u32,
+    /// How long it takes with the gap behind it, in microseconds.
+    pub duration_us: u32,
+}
+
+/// Puts the frames that a link sends and the outcome of their search together.
+pub fn link_report(
+    link: &str,
+    names: &[String],
+    frames: &[SlotSpec],
+    outcome: &Outcome,
+) -> LinkReport {
+    let (feasible, starts_us) = match outcome {
+        Outcome::Feasible(schedule) => (Some(true), schedule.starts_us.as_slice()),
+        Outcome::Infeasible(_) => (Some(false), &[][..]),
+        Outcome::Undecided => (None, &[][..]),
+    };
+    let times = frames
+        .iter()
+        .map(|frame| (frame.period_us, frame.duration_us));
+    let frames = names.iter().zip(frames).zip(starts_us);
+    LinkReport {
+        link: link.to_owned(),
+        utilisation: utilisation(times),
+        feasible,
+        frames: frames
+            .map(|((name, frame), &start_us)| FrameReport {
+                frame: name.clone(),
+                id: frame.number,
+                start_us,
+                period_us: frame.period_us,
+                duration_us: frame.duration_us,
+            })
+            .collect(),
     }
 }
 

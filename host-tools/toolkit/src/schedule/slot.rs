@@ -1,6 +1,6 @@
 //! Slots as the search knows them, and sums over them.
 
-use crate::model::Model;
+use crate::model::{Frame, Model};
 
 /// The most slots that are laid out: more than any robot's table has, and few enough to compare
 /// each with each.
@@ -34,6 +34,23 @@ impl SlotSpec {
             })
             .collect()
     }
+
+    /// The frames that are sent over a link, in source order, as far as their times are known. Their
+    /// numbers are their identifiers.
+    pub fn of_link(model: &Model, link: usize) -> Vec<SlotSpec> {
+        let Some(declared) = model.links.get(link) else {
+            return Vec::new();
+        };
+        let known = |frame: &Frame| {
+            Some(SlotSpec {
+                number: frame.id.into(),
+                period_us: frame.period_us?,
+                duration_us: u32::try_from(frame.duration_us(declared)?).ok()?,
+                fixed_start_us: None,
+            })
+        };
+        model.frames_out(link).filter_map(known).collect()
+    }
 }
 
 /// Start times that [`check`](super::check()) has found right.
@@ -41,6 +58,15 @@ impl SlotSpec {
 pub struct Schedule {
     /// Start of each slot in microseconds, in the order of the slots given; 0 ≤ start < period.
     pub starts_us: Vec<u32>,
+}
+
+/// Start times of all slots and frames of a mission.
+#[derive(Clone, Debug, PartialEq, Eq, Default)]
+pub struct LaidOut {
+    /// Start of each slot in microseconds, in the order of the slots; 0 ≤ start < period.
+    pub starts_us: Vec<u32>,
+    /// For each link, the start of each frame that is sent over it, in source order.
+    pub frame_starts_us: Vec<Vec<u32>>,
 }
 
 /// Greatest common divisor; that of 0 and n is n.

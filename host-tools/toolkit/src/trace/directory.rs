@@ -753,7 +753,7 @@ mod tests {
         );
         let mut checked = crate::lang::load_text("nested.esm", &text);
         let schedule = checked.lay_out(Duration::from_secs(1)).unwrap();
-        crate::compile::compile(&checked.model.unwrap(), &schedule.starts_us).unwrap()
+        crate::compile::compile(&checked.model.unwrap(), &schedule).unwrap()
     }
 
     #[test]

@@ -12,6 +12,7 @@
 //! the blob of any source, and then [`NoSource`] says why.
 
 mod events;
+mod links;
 mod order;
 mod ports;
 #[cfg(test)]
@@ -182,11 +183,10 @@ fn compiles_to(source: &str, blob: &Verified<Vec<u8>>, limit: Limit) -> Result<(
         Some(_) => NameTable::Kept,
         None => NameTable::LeftOut,
     };
-    let again = compile::compile_with(model, &schedule.starts_us, names).map_err(|error| {
-        NoSource::Mistake {
+    let again =
+        compile::compile_with(model, &schedule, names).map_err(|error| NoSource::Mistake {
             mistake: error.to_string(),
-        }
-    })?;
+        })?;
     let bytes = blob.bytes();
     if again == bytes {
         return Ok(());

@@ -14,7 +14,7 @@ fn blob(text: &str, names: NameTable) -> Vec<u8> {
     let schedule = checked.lay_out(LAY_OUT_LIMIT);
     assert!(!checked.has_errors(), "{}", checked.render(false));
     let model = checked.model.as_ref().unwrap();
-    compile::compile_with(model, &schedule.unwrap().starts_us, names).unwrap()
+    compile::compile_with(model, &schedule.unwrap(), names).unwrap()
 }
 
 fn source_of(blob: Vec<u8>) -> Result<String, NoSource> {
@@ -291,4 +291,45 @@ fn a_machine_in_which_a_region_never_starts_is_refused() {
         said.starts_with("its source would be refused: region"),
         "{said}"
     );
+}
+
+#[test]
+fn links_and_frames_come_back() {
+    let text = "
+slot 2 period 10 ms duration 1 ms;
+slot 3 period 20 ms duration 1 ms;
+link spare rate 9600 bps;
+frame nobody 1 out on spare: Pose payload 12 bytes period 1 s;
+link radio rate 115200 bps header 6 bytes gap 50 us bits 9;
+link wire rate 9600 bps;
+frame pose 7 out on radio: Pose payload 12 bytes period 100 ms;
+frame range 7 in on radio: Range payload 8 bytes period 100 ms late 150 ms;
+frame alarm 8 out on radio flags lost, low payload 1 bytes rate 20 Hz;
+frame orders 2047 in on radio flags stop, go payload 240 bytes period 50 ms;
+frame told 1 in on wire: Range payload 8 bytes period 1 s;
+frame lost 1 out on wire: Range payload 8 bytes period 1 s;
+task Where slot 2 { out data pose: Pose; }
+task Watch slot 2 { in data range: Range optional; }
+machine M {
+  region r { task P: Where; task Q: Watch; initial -> P; P -> Q; Q -> P; }
+  region s { task S: radio.transmit slot 3; initial -> S / set .lost; }
+  region t { task R: radio.receive slot 3; state End; initial -> R; R -> End [.stop]; }
+  region w { task W: wire.receive slot 2; initial -> W; W -> W [.errors]; }
+  path P.pose -> S.pose;
+  path R.range, W.told -> Q.range;
+}
+";
+    let source = back(text);
+    let links = source
+        .lines()
+        .filter(|line| line.starts_with("link") || line.starts_with("frame"));
+    let expected = "\
+link radio rate 115200 bps header 6 bytes gap 50 us bits 9;
+frame pose 7 out on radio: Pose payload 12 bytes period 100 ms;
+frame alarm 8 out on radio flags lost, low payload 1 bytes period 50 ms;
+frame range 7 in on radio: Range payload 8 bytes period 100 ms late 150 ms;
+frame orders 2047 in on radio flags stop, go payload 240 bytes period 50 ms;
+link wire rate 9600 bps;
+frame told 1 in on wire: Range payload 8 bytes period 1 s;";
+    assert_eq!(links.collect::<Vec<_>>().join("\n"), expected, "{source}");
 }

@@ -6,9 +6,10 @@ use std::fmt::Write as _;
 use esm_core::Verified;
 use esm_core::format::PULSE;
 use esm_core::signature::{Direction, Port, Signature};
-use esm_core::tables::{Region, StateKind, TaskState};
+use esm_core::tables::{Region, StateKind, Task, TaskState};
 
 use super::events::Listed;
+use super::links;
 use super::ports::{End, Path, Wiring};
 use super::{NoSource, Reader};
 use crate::inspect::names::Names;
@@ -53,6 +54,9 @@ pub(super) fn write(
     };
     writer.head(blob);
     writer.slots();
+    links::lines(reader)
+        .iter()
+        .for_each(|line| writer.line(line));
     writer.tasks()?;
     for container in &parts.containers {
         writer.container(*container)?;
@@ -168,7 +172,8 @@ impl Writer<'_, '_> {
 
     fn tasks(&mut self) -> Result<(), NoSource> {
         let tables = self.reader.tables;
-        for (index, task) in tables.tasks().enumerate() {
+        let of_files = |task: &(usize, Task<'_>)| !links::is_dispatcher(&tables, task.0);
+        for (index, task) in tables.tasks().enumerate().filter(of_files) {
             let habits = self.habits.get(index).cloned().unwrap_or_default();
             let mut head = format!("\ntask {}", readable(task.signature.name()));
             if let Some(slot) = habits.slot {
@@ -341,7 +346,9 @@ impl Writer<'_, '_> {
                 };
                 let mut line = format!("task {name}: {}", readable(task.signature.name()));
                 let habits = self.habits.get(task_state.task);
-                if habits.and_then(|habits| habits.slot) != Some(task_state.slot) {
+                let usual = habits.and_then(|habits| habits.slot);
+                if usual != Some(task_state.slot) || links::is_dispatcher(&tables, task_state.task)
+                {
                     let _ = write!(line, " slot {}", self.reader.slot_number(task_state.slot));
                 }
                 line
@@ -475,7 +482,7 @@ fn direction_word(direction: Direction) -> &'static str {
 }
 
 /// A time in the greatest unit that makes it a whole number.
-fn time(us: u32) -> String {
+pub(super) fn time(us: u32) -> String {
     const US_PER_S: u32 = 1_000_000;
     const US_PER_MS: u32 = 1_000;
     if us > 0 && us.is_multiple_of(US_PER_S) {

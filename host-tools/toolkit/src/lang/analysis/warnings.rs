@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, VecDeque};
 use crate::lang::cure::{exclude_guards, insert_behind, remove_item};
 use crate::lang::diagnostic::{Code, Diagnostic, Fix, Sink};
 use crate::model::{
-    Model, PathEnd, Region, Source, Span, State, StateKind, Target, Transition, Trigger,
+    Model, PathEnd, Region, Source, Span, State, StateKind, Target, Task, Transition, Trigger,
 };
 
 use super::activity::{
@@ -471,9 +471,29 @@ impl<'r> Competition<'r> {
 
 // ─── W105: one `exclusive` group, two active tasks ───────────────────────────────────────────────
 
+/// Tasks of which one alone should be active at a time.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Exclusive<'m> {
+    /// Those of a group.
+    Group(&'m str),
+    /// A dispatcher, by its name.
+    Dispatcher(&'m str),
+}
+
+impl<'m> Exclusive<'m> {
+    fn of(task: &'m Task) -> Option<Self> {
+        match &task.exclusive {
+            _ if task.dispatcher.is_some() => Some(Self::Dispatcher(&task.name)),
+            Some(group) => Some(Self::Group(group)),
+            None => None,
+        }
+    }
+}
+
 impl Warnings<'_> {
+    /// Also E014: dispatchers that two task states use at a time.
     pub(super) fn exclusive_tasks(&self, sink: &mut Sink) {
-        let mut groups: BTreeMap<&str, Vec<StateId>> = BTreeMap::new();
+        let mut groups: BTreeMap<Exclusive<'_>, Vec<StateId>> = BTreeMap::new();
         for (container, region, declared, _) in self.regions() {
             for (state, declared) in declared.states.iter().enumerate() {
                 let id = StateId {
@@ -484,7 +504,7 @@ impl Warnings<'_> {
                 if let StateKind::Task { task, .. } = declared.kind
                     && !lacks_kind(self.holes, id)
                     && let Some(task) = self.model.tasks.get(task)
-                    && let Some(group) = &task.exclusive
+                    && let Some(group) = Exclusive::of(task)
                 {
                     groups.entry(group).or_default().push(id);
                 }
@@ -512,7 +532,7 @@ impl Warnings<'_> {
 
     fn report_exclusive(
         &self,
-        group: &str,
+        group: Exclusive<'_>,
         later: StateId,
         earlier: StateId,
         meeting: Meeting,
@@ -522,20 +542,33 @@ impl Warnings<'_> {
         else {
             return;
         };
-        let message = if later == earlier {
+        let who = if later == earlier {
             format!(
-                "task state `{}` can be active twice at a time, and its task is `exclusive {group}`",
+                "task state `{}` can be active twice at a time",
                 later_state.name
             )
         } else {
             format!(
-                "task states `{}` and `{}` can be active together, and their tasks are `exclusive {group}`",
+                "task states `{}` and `{}` can be active together",
                 earlier_state.name, later_state.name
             )
         };
-        let mut diagnostic = Diagnostic::new(Code::W105, later_state.declaration, message).hint(
-            "of the two the one that is entered first runs, the other one waits and is `busy`: put both into one region, or let them be entered one after the other",
-        );
+        let (code, message, hint) = match group {
+            Exclusive::Group(group) => (
+                Code::W105,
+                match later == earlier {
+                    true => format!("{who}, and its task is `exclusive {group}`"),
+                    false => format!("{who}, and their tasks are `exclusive {group}`"),
+                },
+                "of the two the one that is entered first runs, the other one waits and is `busy`: put both into one region, or let them be entered one after the other",
+            ),
+            Exclusive::Dispatcher(name) => (
+                Code::E014,
+                format!("{who}, and a link has one `{name}`"),
+                "put both into one region, or use the dispatcher in one task state that all the others go on beside",
+            ),
+        };
+        let mut diagnostic = Diagnostic::new(code, later_state.declaration, message).hint(hint);
         if later != earlier {
             diagnostic = diagnostic.related(earlier_state.declaration, "the other task state");
         }
@@ -824,11 +857,17 @@ impl Warnings<'_> {
         if let Some(task) = self.model.tasks.get(staying.reader.task)
             && let Some(port) = task.data.get(staying.reader.port)
         {
-            diagnostic = diagnostic
-                .hint(format!(
+            let hint = match task.dispatcher {
+                Some(_) => format!(
+                    "let `{name}` write one, or leave the state that sends where `{writer_name}` is left"
+                ),
+                None => format!(
                     "let task `{}` ask for a fresh value (`{}: {} within 500 ms`) and do what is safe where there is none, or let `{name}` write one",
                     task.name, port.name, port.type_name
-                ))
+                ),
+            };
+            diagnostic = diagnostic
+                .hint(hint)
                 .related(port.span, "this port takes a value however old it is");
         }
         sink.push(diagnostic.related(writer.declaration, "the value comes from here"));

@@ -10,6 +10,7 @@
 mod circles;
 mod components;
 mod events;
+mod links;
 mod ports;
 mod timeouts;
 mod unused;
@@ -45,8 +46,10 @@ pub(super) fn check(
     events::check(model, holes, &uses, sink);
     circles::check(trees, model, holes, activity, &uses, sink);
     if model.machine.is_some() {
-        unused::check(trees, model, holes, sink);
-        ports::check(model, holes, &uses, sink);
+        let users = unused::check(trees, model, holes, sink);
+        if let Some(ports) = ports::check(model, holes, &uses, sink) {
+            links::check(model, &users, &ports, sink);
+        }
     }
 }
 

@@ -15,10 +15,18 @@ use super::unused::{remove, unused};
 use super::uses::Uses;
 
 /// Reports ports that do nothing.
-pub(super) fn check(model: &Model, holes: &Holes, uses: &Uses, sink: &mut Sink) {
+///
+/// Gives, for each task, which of its ports are on a path and lead somewhere; nothing where paths may
+/// be hidden.
+pub(super) fn check(
+    model: &Model,
+    holes: &Holes,
+    uses: &Uses,
+    sink: &mut Sink,
+) -> Option<Vec<Vec<bool>>> {
     // A state that is not known may need any port, and a path that is not known may lead to it.
     if !uses.are_whole {
-        return;
+        return None;
     }
     let nets = Nets::of(model, holes, uses);
     let mut tasks = Ports::of(model.tasks.iter().map(|task| task.data.len()));
@@ -58,7 +66,8 @@ pub(super) fn check(model: &Model, holes: &Holes, uses: &Uses, sink: &mut Sink) 
         }
     }
     for (index, (task, holes)) in model.tasks.iter().zip(&holes.tasks).enumerate() {
-        if !holes.is_twin {
+        // A frame's port and flags are looked at together, as the frame's.
+        if !holes.is_twin && task.dispatcher.is_none() {
             let owner = format!("task `{}`", task.name);
             tasks.report(index, &owner, &task.data, None, sink);
         }
@@ -67,6 +76,15 @@ pub(super) fn check(model: &Model, holes: &Holes, uses: &Uses, sink: &mut Sink) 
         let owner = format!("container `{}`", container.name);
         containers.report(index, &owner, &container.data, Some(model), sink);
     }
+    let used = model.tasks.iter().enumerate().map(|(index, task)| {
+        let hides = tasks.may_hide.contains(&index);
+        let ports = tasks.ports.get(index).into_iter().flatten();
+        let is_used = |(port, &(is_on_path, is_read)): (&DataPort, &(bool, bool))| {
+            hides || is_on_path && (is_read || port.direction != Direction::Out)
+        };
+        task.data.iter().zip(ports).map(is_used).collect()
+    });
+    Some(used.collect())
 }
 
 /// What the state at an end of a path is.

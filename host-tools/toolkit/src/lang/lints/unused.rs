@@ -17,7 +17,9 @@ use crate::model::{
 };
 
 /// Reports what is declared and not used.
-pub(super) fn check(trees: &Trees<'_>, model: &Model, holes: &Holes, sink: &mut Sink) {
+///
+/// Gives what is used.
+pub(super) fn check(trees: &Trees<'_>, model: &Model, holes: &Holes, sink: &mut Sink) -> Users {
     let users = Users::of(trees, model, holes);
     report_slots(model, &users, sink);
     let declarations = trees.trees.iter().flat_map(|file| &file.tasks);
@@ -77,6 +79,7 @@ pub(super) fn check(trees: &Trees<'_>, model: &Model, holes: &Holes, sink: &mut 
             );
         }
     }
+    users
 }
 
 /// A warning about something that is declared and not used.
@@ -157,18 +160,18 @@ fn report_flags(
 }
 
 /// What is used of a task or container.
-struct User {
-    is_used: bool,
+pub(super) struct User {
+    pub(super) is_used: bool,
     /// Whether uses may be hidden, or the declaration is not the one that counts.
-    may_be_more: bool,
-    flags: Vec<bool>,
+    pub(super) may_be_more: bool,
+    pub(super) flags: Vec<bool>,
     params: Vec<bool>,
 }
 
 /// What is used in a set of files. Lists are those of the model.
-struct Users {
+pub(super) struct Users {
     slots: Vec<bool>,
-    tasks: Vec<User>,
+    pub(super) tasks: Vec<User>,
     containers: Vec<User>,
 }
 

@@ -92,6 +92,8 @@ impl<'t> Parser<'t, '_> {
                 | T::Use
                 | T::Interpreter
                 | T::Queue
+                | T::Link
+                | T::Frame
                 | T::Slot
                 | T::Container
                 | T::Machine => {

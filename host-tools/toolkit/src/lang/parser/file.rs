@@ -12,7 +12,7 @@ use super::{Body, Parser, set_if_absent};
 impl Parser<'_, '_> {
     pub(super) fn file(&mut self) -> File {
         /// Words that start a declaration of a file.
-        const WORDS: [(&str, T); 7] = [
+        const WORDS: [(&str, T); 9] = [
             ("use", T::Use),
             ("interpreter", T::Interpreter),
             ("queue", T::Queue),
@@ -20,6 +20,8 @@ impl Parser<'_, '_> {
             ("task", T::Task),
             ("container", T::Container),
             ("machine", T::Machine),
+            ("link", T::Link),
+            ("frame", T::Frame),
         ];
         /// Which body was closed last.
         enum Closed {
@@ -90,6 +92,16 @@ impl Parser<'_, '_> {
                     let start = self.here();
                     self.bump();
                     file.slots.push(self.slot(start));
+                }
+                T::Link => {
+                    let start = self.here();
+                    self.bump();
+                    file.links.push(self.link(start));
+                }
+                T::Frame => {
+                    let start = self.here();
+                    self.bump();
+                    file.frames.push(self.frame(start));
                 }
                 T::Identifier if self.at_task_header() => {
                     self.mended("`task`", insert_word(self.here(), "task"));
@@ -187,7 +199,8 @@ impl Parser<'_, '_> {
                         self.report_nothing_here();
                     }
                     self.expected(
-                        "`use`, `interpreter`, `queue`, `slot`, `task`, `container` or `machine`",
+                        "`use`, `interpreter`, `queue`, `slot`, `task`, `container`, `machine`, `link` or \
+                            `frame`",
                     );
                     self.skip_item(&mut file.skipped);
                     // It may have been in a body that goes on behind it.

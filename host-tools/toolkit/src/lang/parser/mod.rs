@@ -14,6 +14,7 @@
 mod containers;
 mod cures;
 mod file;
+mod links;
 mod regions;
 mod tasks;
 mod transitions;
@@ -382,7 +383,7 @@ impl<'t, 's> Parser<'t, 's> {
         match self.token.kind {
             T::Use | T::Interpreter | T::Queue | T::Task | T::Container | T::Machine => true,
             T::Event | T::In | T::Out | T::InOut | T::Param | T::Region | T::Path => true,
-            T::State | T::Super | T::Initial => true,
+            T::State | T::Super | T::Initial | T::Link | T::Frame => true,
             T::Slot => self.body == Body::File,
             T::Identifier => self.body == Body::Region && self.next.kind == T::Arrow,
             _ => false,
@@ -418,9 +419,14 @@ impl<'t, 's> Parser<'t, 's> {
         let mut depth = 0_usize;
         loop {
             match self.token.kind {
-                T::EndOfFile | T::Machine | T::Container | T::Use | T::Interpreter | T::Queue => {
-                    return;
-                }
+                T::EndOfFile
+                | T::Machine
+                | T::Container
+                | T::Use
+                | T::Interpreter
+                | T::Queue
+                | T::Link
+                | T::Frame => return,
                 T::BraceOpen => depth += 1,
                 T::BraceClose => depth -= 1,
                 T::Identifier => {
@@ -518,7 +524,13 @@ impl<'t, 's> Parser<'t, 's> {
                     return true;
                 }
                 T::EndOfFile | T::BraceClose => return false,
-                T::Use | T::Interpreter | T::Queue | T::Container | T::Machine => return false,
+                T::Use
+                | T::Interpreter
+                | T::Queue
+                | T::Link
+                | T::Frame
+                | T::Container
+                | T::Machine => return false,
                 _ if self.at_start_of_item() => return true,
                 _ => self.bump(),
             }

@@ -105,6 +105,8 @@ impl Parser<'_, '_> {
                 | T::Use
                 | T::Interpreter
                 | T::Queue
+                | T::Link
+                | T::Frame
                 | T::Slot
                 | T::Container
                 | T::Machine
@@ -405,6 +407,7 @@ impl Parser<'_, '_> {
         let name = self.name("the name of the state");
         let mut timeout_us = Given::Absent;
         let mut slot = Given::Absent;
+        let mut slot_word = None;
         let mut with = Vec::new();
         let mut has_with = false;
         let mut with_broken = false;
@@ -437,6 +440,10 @@ impl Parser<'_, '_> {
             }
             if self.is_lost { None } else { self.name(what) }
         };
+        let mut dispatcher = Given::Absent;
+        if word == T::Task && type_name.is_some() && self.eat(T::Dot) {
+            dispatcher = Given::from_read(self.dispatcher());
+        }
 
         let expected = match word {
             T::Task => "`slot`, `timeout`, `with` or `;`",
@@ -460,6 +467,7 @@ impl Parser<'_, '_> {
                     } else if has_with && !slot.is_given() {
                         self.corrected("`;`", Some("`slot` stands before `with`".into()));
                     }
+                    slot_word.get_or_insert(self.here());
                     self.slot_attribute(&mut slot);
                 }
                 T::BraceOpen if word == T::Task && !has_with && self.at_values() => {
@@ -521,7 +529,9 @@ impl Parser<'_, '_> {
                 T::State if !with_broken => StateKind::Simple,
                 _ => StateKind::Task {
                     task: type_name,
+                    dispatcher,
                     slot,
+                    slot_word,
                     with,
                     with_broken,
                 },

@@ -185,6 +185,8 @@ impl Parser<'_, '_> {
                 | T::Use
                 | T::Interpreter
                 | T::Queue
+                | T::Link
+                | T::Frame
                 | T::Slot
                 | T::Task
                 | T::Container

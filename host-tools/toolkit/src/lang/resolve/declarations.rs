@@ -23,6 +23,16 @@ impl<'f> Trees<'f> {
         self.trees.iter().flat_map(|file| &file.tasks)
     }
 
+    /// The links of all files.
+    pub(super) fn links(&self) -> impl Iterator<Item = &'f tree::Link> + use<'f> {
+        self.trees.iter().flat_map(|file| &file.links)
+    }
+
+    /// The frames of all files.
+    pub(super) fn frames(&self) -> impl Iterator<Item = &'f tree::Frame> + use<'f> {
+        self.trees.iter().flat_map(|file| &file.frames)
+    }
+
     /// The containers and machines of all files.
     pub(super) fn containers(&self) -> impl Iterator<Item = &'f tree::Container> + use<'f> {
         self.trees.iter().flat_map(|file| &file.containers)

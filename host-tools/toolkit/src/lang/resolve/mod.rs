@@ -8,6 +8,7 @@
 mod counts;
 mod declarations;
 mod demand;
+mod links;
 mod literals;
 mod nets;
 mod recursion;
@@ -28,6 +29,7 @@ use super::references::References;
 use super::tree::{self, EventListing};
 pub(super) use declarations::Trees;
 use declarations::{declare_data, declare_flags, remove};
+use links::{FlagNames, LinkTable};
 use scope::{Names, Scope};
 use slots::SlotTable;
 use tasks::TaskTable;
@@ -92,6 +94,7 @@ enum Kind {
 
 /// Resolves a set of files.
 pub(super) fn resolve(set: &Trees<'_>, sink: &mut Sink) -> Resolved {
+    let flag_names = FlagNames::of(set);
     let mut names = Names::new(set.files, sink);
     let mut model = Model {
         files: set.files.to_vec(),
@@ -105,7 +108,8 @@ pub(super) fn resolve(set: &Trees<'_>, sink: &mut Sink) -> Resolved {
         .any(|container| container.is_machine);
 
     let slots = SlotTable::declare(set, has_machine, &mut model, &mut names);
-    let tasks = TaskTable::declare(set, &slots, &mut model, &mut names);
+    let mut tasks = TaskTable::declare(set, &slots, &mut model, &mut names);
+    let links = LinkTable::declare(set, &flag_names, &mut model, &mut tasks, &mut names);
     let mut machine_span = None;
     let (scope, trees) = declare_containers(set, &mut model, &mut names, &mut machine_span);
     declare_queue(set, &mut model, &mut names);
@@ -122,6 +126,7 @@ pub(super) fn resolve(set: &Trees<'_>, sink: &mut Sink) -> Resolved {
         containers: &scope,
         facts: &facts,
         tasks: &tasks,
+        links: &links,
         slots: &slots,
         model: &model,
     };

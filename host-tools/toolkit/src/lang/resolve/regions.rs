@@ -12,6 +12,7 @@ use crate::model::{
 };
 
 use super::demand::Demand;
+use super::links::LinkTable;
 use super::literals;
 use super::scope::{Found, Names, Scope};
 use super::slots::{MAX_SLOTS_PROPOSED, SlotTable};
@@ -23,6 +24,7 @@ pub(super) struct Resolver<'r, 'f> {
     pub(super) containers: &'r Scope<'f>,
     pub(super) facts: &'r [ContainerFacts<'f>],
     pub(super) tasks: &'r TaskTable<'f>,
+    pub(super) links: &'r LinkTable<'f>,
     pub(super) slots: &'r SlotTable,
     /// Tasks, and events of containers.
     pub(super) model: &'r Model,
@@ -218,15 +220,38 @@ impl<'f> Resolver<'_, 'f> {
             }
             tree::StateKind::Task {
                 task,
+                dispatcher,
                 slot,
+                slot_word,
                 with,
                 with_broken,
             } => {
+                if let (Given::Value(_), Given::Value(number), Some(word)) =
+                    (dispatcher, slot, slot_word)
+                    && number.value == 0
+                {
+                    let message = "a dispatcher runs in a slot of its own, not in slot 0";
+                    let hint =
+                        "frames have their times, and slot 0 has none: name a slot from 1 on";
+                    names.report(Diagnostic::new(Code::E014, *word, message).hint(hint));
+                }
                 let task = task.and_then(|reference| {
+                    match dispatcher {
+                        Given::Absent => {}
+                        Given::Broken => return None,
+                        Given::Value((direction, _)) => {
+                            return self.links.dispatcher(reference, *direction, names);
+                        }
+                    }
                     names.resolve(&self.tasks.names, reference, "task", |task| {
                         if matches!(self.containers.find(task), Found::Index(_)) {
                             let hint = format!("it is a container: write `super {name}: {task}`");
                             return with_word(hint, tree.span, "task", "super");
+                        }
+                        if self.links.has(task) {
+                            return Cure::say(format!(
+                                "it is a link: write `{task}.transmit` or `{task}.receive`"
+                            ));
                         }
                         Cure::say(format!(
                             "declare it (`task {task} {{ … }}`) or `use` the file that does"
@@ -283,60 +308,64 @@ impl<'f> Resolver<'_, 'f> {
         facts: &mut StateFacts,
         names: &mut Names<'f, '_>,
     ) -> Option<SlotRef> {
-        let slot =
-            match own {
-                Given::Broken => None,
-                Given::Value(number) => {
-                    let wcet_us = task.and_then(|task| self.model.tasks.get(task)?.wcet_us);
-                    let demand = Demand::of_one(wcet_us.unwrap_or(0));
-                    let slot = self.slots.resolve(number, demand, names);
-                    if let Some(SlotRef::Slot(index)) = slot {
-                        facts.own_slot = Some(index);
-                    }
-                    slot
+        let slot = match own {
+            Given::Broken => None,
+            Given::Value(number) => {
+                let wcet_us = task.and_then(|task| self.model.tasks.get(task)?.wcet_us);
+                let demand = Demand::of_one(wcet_us.unwrap_or(0));
+                let slot = self.slots.resolve(number, demand, names);
+                if let Some(SlotRef::Slot(index)) = slot {
+                    facts.own_slot = Some(index);
                 }
-                Given::Absent => {
-                    let task = task.and_then(|task| Some((task, self.tasks.facts(task)?)))?;
-                    if task.1.slot == Given::Absent {
-                        let task_name = self.model.tasks.get(task.0).map_or("", |task| &task.name);
-                        let mut diagnostic = Diagnostic::new(
+                slot
+            }
+            Given::Absent => {
+                let task = task.and_then(|task| Some((task, self.tasks.facts(task)?)))?;
+                if task.1.slot == Given::Absent {
+                    let declared = self.model.tasks.get(task.0);
+                    let task_name = declared.map_or("", |task| &task.name);
+                    let is_dispatcher = declared.is_some_and(|task| task.dispatcher.is_some());
+                    let or_none = match is_dispatcher {
+                        true => "",
+                        false => ", or `slot 0` for one without real time",
+                    };
+                    let mut diagnostic = Diagnostic::new(
                         Code::E009,
                         facts.span,
-                        format!("neither task state `{name}` nor its task `{task_name}` names a \
-                            slot"),
+                        format!(
+                            "neither task state `{name}` nor its task `{task_name}` names a \
+                            slot"
+                        ),
                     )
-                    .hint(format!(
-                        "write `task {name}: {task_name} slot 1`, or `slot 0` for one without real \
-                            time"
-                    ))
+                    .hint(format!("write `task {name}: {task_name} slot 1`{or_none}"))
                     .related(task.1.span, "the task");
-                        if let Some(place) = facts.place_of_attributes {
-                            for number in self.proposed_slots() {
-                                let insert = Edit::behind(place, format!(" slot {number}"));
-                                let title = format!("run it in slot {number}");
-                                diagnostic = diagnostic.fix(Fix::one(title, insert));
-                            }
+                    if let Some(place) = facts.place_of_attributes {
+                        for number in self.proposed_slots(!is_dispatcher) {
+                            let insert = Edit::behind(place, format!(" slot {number}"));
+                            let title = format!("run it in slot {number}");
+                            diagnostic = diagnostic.fix(Fix::one(title, insert));
                         }
-                        names.report(diagnostic);
                     }
-                    task.1.slot.value()
+                    names.report(diagnostic);
                 }
-            };
+                task.1.slot.value()
+            }
+        };
         if let Some(SlotRef::Slot(index)) = slot {
             facts.slot = Some(index);
         }
         slot
     }
 
-    /// Slots that a task state can be given: those that do not run the interpreter, and the one
-    /// without real time.
-    fn proposed_slots(&self) -> impl Iterator<Item = u32> {
+    /// Slots that a task state can be given: those that do not run the interpreter, and, where it
+    /// can run there, the one without real time.
+    fn proposed_slots(&self, has_slot_0: bool) -> impl Iterator<Item = u32> {
         let slots = self.model.slots.iter().enumerate();
         slots
             .filter(|(index, _)| self.model.interpreter_slot != Some(*index))
             .map(|(_, slot)| slot.number)
             .take(MAX_SLOTS_PROPOSED)
-            .chain([0])
+            .chain(has_slot_0.then_some(0))
     }
 
     /// One value for each parameter of the task.

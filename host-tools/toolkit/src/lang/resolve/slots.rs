@@ -158,7 +158,7 @@ impl SlotTable {
 }
 
 /// The period of a rate in microseconds. A rate that has none is reported.
-fn period_of_rate(hertz: u32, span: Span, names: &mut Names<'_, '_>) -> Option<u32> {
+pub(super) fn period_of_rate(hertz: u32, span: Span, names: &mut Names<'_, '_>) -> Option<u32> {
     if US_PER_SECOND.is_multiple_of(hertz) {
         return Some(US_PER_SECOND / hertz);
     }

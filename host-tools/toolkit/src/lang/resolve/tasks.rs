@@ -19,6 +19,8 @@ use super::slots::SlotTable;
 pub(super) struct TaskTable<'f> {
     pub(super) names: Scope<'f>,
     facts: Vec<TaskFacts<'f>>,
+    /// What is not known of the dispatchers, whose tasks stand behind those of files.
+    dispatchers: Vec<TaskHoles>,
 }
 
 /// What else is known of a task than its model.
@@ -45,6 +47,21 @@ pub(super) struct ParamFacts {
     pub(super) has_default: bool,
 }
 
+impl TaskFacts<'_> {
+    /// Those of a task without anything.
+    pub(super) fn new(span: crate::model::Span) -> Self {
+        TaskFacts {
+            flags: Scope::default(),
+            flag_directions: Vec::new(),
+            data: Scope::default(),
+            params: Scope::default(),
+            param_facts: Vec::new(),
+            slot: Given::Absent,
+            span,
+        }
+    }
+}
+
 impl<'f> TaskTable<'f> {
     /// Declares the tasks of all files.
     pub(super) fn declare(
@@ -56,6 +73,7 @@ impl<'f> TaskTable<'f> {
         let mut table = TaskTable {
             names: Scope::default(),
             facts: Vec::new(),
+            dispatchers: Vec::new(),
         };
         if set.is_incomplete() {
             table.names.is_incomplete();
@@ -139,7 +157,18 @@ impl<'f> TaskTable<'f> {
                     .name
                     .is_none_or(|name| !self.names.is_first(names.text(name.0), index)),
             })
+            .chain(self.dispatchers.iter().cloned())
             .collect()
+    }
+
+    /// Adds the task of a dispatcher.
+    pub(super) fn push_dispatcher(&mut self, mut facts: TaskFacts<'f>, holes: TaskHoles) {
+        if holes.declarations {
+            facts.flags.is_incomplete();
+            facts.data.is_incomplete();
+        }
+        self.facts.push(facts);
+        self.dispatchers.push(holes);
     }
 
     /// What is known of the task with an index.
@@ -159,13 +188,8 @@ fn declare_task<'f>(
         Given::Value(number) => Given::from_read(slots.find(number, names)),
     };
     let mut facts = TaskFacts {
-        flags: Scope::default(),
-        flag_directions: Vec::new(),
-        data: Scope::default(),
-        params: Scope::default(),
-        param_facts: Vec::new(),
         slot,
-        span: tree.span,
+        ..TaskFacts::new(tree.span)
     };
     let data = declare_data(&tree.data, &mut facts.data, names);
     let (flags, flag_directions) = declare_flags(&tree.flags, &mut facts.flags, names);
@@ -197,6 +221,7 @@ fn declare_task<'f>(
         data,
         flags,
         params,
+        dispatcher: None,
         docs: names.docs(tree.docs),
         span,
     };
