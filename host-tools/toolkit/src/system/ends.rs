@@ -1,106 +1,113 @@
 //! Both ends of a link, held against each other.
 //!
-//! What a mission declares of a link and its frames is a [`LinkDeclaration`]. Frames of both ends
-//! belong together by their identifiers: names are each mission's own.
+//! Frames of both ends belong together by their identifiers: names are each mission's own.
 
 use super::declaration::{Link, System};
 use crate::lang::{Code, Diagnostic};
-use crate::model::Span;
+use crate::model::{Content, Direction, Frame, Link as Declared, Model, Span};
 
-/// A link as a mission declares it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LinkDeclaration {
-    /// Its name.
-    pub name: String,
-    /// Where the name stands, in the set of files that is being checked.
-    pub span: Span,
-    /// Bits a second.
-    pub rate_bps: u32,
-    /// Bits that a byte takes.
-    pub bits: u8,
-    /// Bytes that medium and identifier take of each frame.
-    pub header_bytes: u8,
-    /// What stays silent between two frames, in microseconds: each sender's own business.
-    pub gap_us: u32,
-    /// Its frames.
-    pub frames: Vec<FrameDeclaration>,
+/// What the mission of a processor declares.
+#[derive(Clone, Copy, Debug)]
+pub struct Mission<'m> {
+    /// All of it. None where something is wrong with it, which was said elsewhere.
+    pub model: Option<&'m Model>,
+    /// Where its files begin among those that the system's diagnostics are about.
+    pub first_file: u32,
 }
 
-/// Which way a frame goes, seen from its mission.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Direction {
-    /// It is sent.
-    Out,
-    /// It is received.
-    In,
-}
-
-/// What a frame carries.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Content {
-    /// The value of a port of this type.
-    Value(String),
-    /// Flags, the first in the lowest bit.
-    Flags(Vec<String>),
-}
-
-impl Content {
-    fn words(&self) -> String {
-        match self {
-            Content::Value(type_name) => format!("a `{type_name}`"),
-            Content::Flags(flags) if flags.len() == 1 => "1 flag".to_owned(),
-            Content::Flags(flags) => format!("{} flags", flags.len()),
+impl<'m> Mission<'m> {
+    /// A place of one of its files.
+    fn place(&self, span: Span) -> Span {
+        Span {
+            file: span.file.saturating_add(self.first_file),
+            ..span
         }
     }
 
-    /// Whether both are the same on the wire, where flags have no names.
-    fn is_as(&self, other: &Content) -> bool {
-        match (self, other) {
-            (Content::Value(one), Content::Value(other)) => one == other,
-            (Content::Flags(one), Content::Flags(other)) => one.len() == other.len(),
-            _ => false,
-        }
+    fn links(&self) -> &'m [Declared] {
+        self.model.map_or(&[], |model| &model.links)
     }
 }
 
-/// A frame as a mission declares it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FrameDeclaration {
-    /// Its name.
-    pub name: String,
-    /// Where the name stands.
-    pub span: Span,
-    /// Its identifier.
-    pub identifier: u16,
-    /// Which way it goes.
-    pub direction: Direction,
-    /// What it carries.
-    pub content: Content,
-    /// Bytes of its payload.
-    pub payload_bytes: u8,
-    /// Its period, in microseconds.
-    pub period_us: u32,
-    /// How old a value may be that is received, in microseconds.
-    pub late_us: Option<u32>,
+/// One end: whose it is, and what its mission declares.
+#[derive(Clone, Copy)]
+struct Side<'m> {
+    processor: &'m str,
+    mission: Mission<'m>,
+    index: usize,
+    link: &'m Declared,
 }
 
-/// Finds what does not fit between the ends of a system's links. `declared` has what the mission of
-/// each processor declares, in their order.
+impl<'m> Side<'m> {
+    fn frames(self, direction: Direction) -> impl Iterator<Item = &'m Frame> {
+        let frames = self.mission.model.map_or(&[][..], |model| &model.frames);
+        (frames.iter())
+            .filter(move |frame| frame.link == self.index && frame.direction == direction)
+    }
+}
+
+fn words(content: &Content) -> String {
+    match content {
+        Content::Value(type_name) => format!("a `{type_name}`"),
+        Content::Flags(flags) if flags.len() == 1 => "1 flag".to_owned(),
+        Content::Flags(flags) => format!("{} flags", flags.len()),
+    }
+}
+
+/// Whether both are the same on the wire, where flags have no names.
+fn are_alike(one: &Content, other: &Content) -> bool {
+    match (one, other) {
+        (Content::Value(one), Content::Value(other)) => one == other,
+        (Content::Flags(one), Content::Flags(other)) => one.len() == other.len(),
+        _ => false,
+    }
+}
+
+/// Finds what does not fit between the ends of a system's links. `missions` has that of each
+/// processor, in their order.
 #[must_use]
-pub fn check(system: &System, declared: &[Vec<LinkDeclaration>]) -> Vec<Diagnostic> {
+pub fn check(system: &System, missions: &[Mission<'_>]) -> Vec<Diagnostic> {
     let mut found = Vec::new();
     for link in &system.links {
-        let mut ends = Vec::new();
+        let mut sides = Vec::new();
         for end in &link.ends {
-            let of_mission = declared.get(end.processor).map_or(&[][..], Vec::as_slice);
+            let Some(mission) = missions.get(end.processor) else {
+                continue;
+            };
+            let declared = mission.links();
             let processor = name(system, end.processor);
-            match of_mission.iter().find(|it| it.name == end.link) {
-                Some(declaration) => ends.push((processor, declaration)),
-                None => found.push(unknown(processor, &end.link, end.span, of_mission)),
+            match declared.iter().position(|it| it.name == end.link) {
+                Some(index) => sides.extend(declared.get(index).map(|link| Side {
+                    processor,
+                    mission: *mission,
+                    index,
+                    link,
+                })),
+                None if mission.model.is_none() => {}
+                None => found.push(unknown(processor, &end.link, end.span, declared)),
             }
         }
-        if let [first, second] = ends[..] {
+        if let [first, second] = sides[..] {
             compare(link, first, second, &mut found);
+        }
+    }
+    for (index, (processor, mission)) in system.processors.iter().zip(missions).enumerate() {
+        let is_joined = |link: &Declared| {
+            let mut ends = system.links.iter().flat_map(|it| &it.ends);
+            ends.any(|end| end.processor == index && end.link == link.name)
+        };
+        for link in mission.links().iter().filter(|link| !is_joined(link)) {
+            let name = &processor.name;
+            let message = format!("link `{}` of `{}` leads nowhere", link.name, name.text);
+            let hint = format!(
+                "join it: `link {}.{} to PROCESSOR.LINK;`",
+                name.text, link.name
+            );
+            found.push(
+                Diagnostic::new(Code::W107, name.span, message)
+                    .related(mission.place(link.span), "it is declared here")
+                    .hint(hint),
+            );
         }
     }
     found.sort_by_key(|it| (it.span, it.code));
@@ -111,7 +118,7 @@ fn name(system: &System, processor: usize) -> &str {
     (system.processors.get(processor)).map_or("", |it| it.name.text.as_str())
 }
 
-fn unknown(processor: &str, link: &str, place: Span, declared: &[LinkDeclaration]) -> Diagnostic {
+fn unknown(processor: &str, link: &str, place: Span, declared: &[Declared]) -> Diagnostic {
     let message = format!("the mission of `{processor}` has no link `{link}`");
     let unknown = Diagnostic::new(Code::E002, place, message);
     let names: Vec<&str> = declared.iter().map(|it| it.name.as_str()).collect();
@@ -121,106 +128,98 @@ fn unknown(processor: &str, link: &str, place: Span, declared: &[LinkDeclaration
     })
 }
 
-/// A processor's name, and what its mission declares.
-type Declared<'d> = (&'d str, &'d LinkDeclaration);
-
-fn compare(link: &Link, first: Declared<'_>, second: Declared<'_>, found: &mut Vec<Diagnostic>) {
+fn compare(link: &Link, first: Side<'_>, second: Side<'_>, found: &mut Vec<Diagnostic>) {
     let place = link_place(link);
-    let (one, other) = (first.1, second.1);
-    let differ = |what: &str, of_one: u32, of_other: u32, unit: &str| {
-        (of_one != of_other).then(|| {
-            let message = format!(
-                "both ends of this link have another {what}: {of_one} {unit} at `{}`, {of_other} {unit} at `{}`",
-                first.0, second.0
-            );
-            let hint = "declare both ends alike";
-            Diagnostic::new(Code::E008, place, message)
-                .related(one.span, format!("`{}` declares it here", first.0))
-                .related(other.span, format!("`{}` declares it here", second.0))
-                .hint(hint)
-        })
+    let (one, other) = (first.link, second.link);
+    let mut differ = |what: &str, of_one: u32, of_other: u32, unit: &str| {
+        if of_one == of_other {
+            return;
+        }
+        let message = format!(
+            "the ends of this link have another {what} each: {of_one} {unit} at `{}`, {of_other} {unit} at `{}`",
+            first.processor, second.processor
+        );
+        let mut differ =
+            Diagnostic::new(Code::E008, place, message).hint("declare both ends alike");
+        for side in [first, second] {
+            let what = format!("`{}` declares it here", side.processor);
+            differ = differ.related(side.mission.place(side.link.span), what);
+        }
+        found.push(differ);
     };
-    found.extend(differ("rate", one.rate_bps, other.rate_bps, "bps"));
-    found.extend(differ(
+    let rate = |it: &Declared| it.rate_bps.unwrap_or(0);
+    differ("rate", rate(one), rate(other), "bps");
+    differ(
         "length of a byte",
         one.bits.into(),
         other.bits.into(),
         "bits",
-    ));
-    let (header, of_other) = (one.header_bytes.into(), other.header_bytes.into());
-    found.extend(differ("header", header, of_other, "bytes"));
+    );
+    differ(
+        "header",
+        one.header_bytes.into(),
+        other.header_bytes.into(),
+        "bytes",
+    );
     frames(place, first, second, found);
     frames(place, second, first, found);
 }
 
 /// Looks at the frames that one end sends, and at what the other one receives of them.
-fn frames(place: Span, sender: Declared<'_>, receiver: Declared<'_>, found: &mut Vec<Diagnostic>) {
-    let of = |declared: Declared<'_>, direction| {
-        let frames = declared.1.frames.clone().into_iter();
-        frames.filter(move |it| it.direction == direction)
+fn frames(place: Span, sender: Side<'_>, receiver: Side<'_>, found: &mut Vec<Diagnostic>) {
+    let place_of = |side: Side<'_>, frame: &Frame| side.mission.place(frame.span);
+    let alone = |frame: &Frame, side: Side<'_>, other: Side<'_>, does: &str, way: &str| {
+        let Frame { id, name, .. } = frame;
+        let message = format!(
+            "frame {id}, `{name}` of `{}`, is {does} by nobody at `{}`",
+            side.processor, other.processor
+        );
+        let hint = format!(
+            "declare it there, as in `frame {name} {id} {way} on {} …`",
+            other.link.name
+        );
+        let there = other.mission.place(other.link.span);
+        Diagnostic::new(Code::E008, place, message)
+            .related(place_of(side, frame), "it is declared here")
+            .related(there, "this is the link's other end")
+            .hint(hint)
     };
-    for sent in of(sender, Direction::Out) {
-        let (name, identifier) = (&sent.name, sent.identifier);
-        let mut others = of(receiver, Direction::In);
-        let Some(received) = others.find(|it| it.identifier == identifier) else {
-            let message = format!(
-                "frame {identifier}, `{name}` of `{}`, is received by nobody at `{}`",
-                sender.0, receiver.0
-            );
-            let hint = format!(
-                "declare it there, as in `frame {name} {identifier} in on {} …`",
-                receiver.1.name
-            );
-            found.push(
-                Diagnostic::new(Code::E008, place, message)
-                    .related(sent.span, "it is sent here")
-                    .related(receiver.1.span, "this is the link's other end")
-                    .hint(hint),
-            );
+    for sent in sender.frames(Direction::Out) {
+        let mut others = receiver.frames(Direction::In);
+        let Some(received) = others.find(|it| it.id == sent.id) else {
+            found.push(alone(sent, sender, receiver, "received", "in"));
             continue;
         };
         let mut differ = |what: &str, at_sender: String, at_receiver: String| {
             let message = format!(
-                "both ends mean another {what} by frame {identifier}: {at_sender} at `{}`, {at_receiver} at `{}`",
-                sender.0, receiver.0
+                "the ends mean another {what} each by frame {}: {at_sender} at `{}`, {at_receiver} at `{}`",
+                sent.id, sender.processor, receiver.processor
             );
+            let sends = format!("`{}` sends it", sender.processor);
+            let receives = format!("`{}` receives it", receiver.processor);
             found.push(
                 Diagnostic::new(Code::E008, place, message)
-                    .related(sent.span, format!("`{}` sends it", sender.0))
-                    .related(received.span, format!("`{}` receives it", receiver.0))
+                    .related(place_of(sender, sent), sends)
+                    .related(place_of(receiver, received), receives)
                     .hint("declare it alike at both ends: else nothing of it is taken"),
             );
         };
-        if !sent.content.is_as(&received.content) {
-            differ("content", sent.content.words(), received.content.words());
+        if !are_alike(&sent.content, &received.content) {
+            differ("content", words(&sent.content), words(&received.content));
         }
         if sent.payload_bytes != received.payload_bytes {
-            let bytes = |frame: &FrameDeclaration| format!("{} bytes", frame.payload_bytes);
-            differ("payload", bytes(&sent), bytes(&received));
+            let bytes = |frame: &Frame| format!("{} bytes", frame.payload_bytes.unwrap_or(0));
+            differ("payload", bytes(sent), bytes(received));
         }
         if sent.period_us != received.period_us {
-            let time = |frame: &FrameDeclaration| crate::duration::time(frame.period_us.into());
-            differ("period", time(&sent), time(&received));
+            let time = |it: &Frame| crate::duration::time(it.period_us.unwrap_or(0).into());
+            differ("period", time(sent), time(received));
         }
     }
-    for received in of(receiver, Direction::In) {
-        let identifier = received.identifier;
-        if of(sender, Direction::Out).any(|it| it.identifier == identifier) {
-            continue;
+    for received in receiver.frames(Direction::In) {
+        if !sender.frames(Direction::Out).any(|it| it.id == received.id) {
+            found.push(alone(received, receiver, sender, "sent", "out"));
         }
-        let message = format!(
-            "frame {identifier}, `{}` of `{}`, is sent by nobody at `{}`",
-            received.name, receiver.0, sender.0
-        );
-        found.push(
-            Diagnostic::new(Code::E008, place, message)
-                .related(received.span, "it is received here")
-                .related(sender.1.span, "this is the link's other end")
-                .hint(format!(
-                    "declare it there, as in `frame {} {identifier} out on {} …`",
-                    received.name, sender.1.name
-                )),
-        );
     }
 }
 
@@ -236,123 +235,114 @@ fn link_place(link: &Link) -> Span {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lang::load_text;
     use crate::system::read::read;
 
     const FILE: &str = "processor base mission \"base.esm\";\n\
         processor head mission \"head.esm\";\n\
         link base.radio to head.line;";
+    const BASE: &str = "link radio rate 115200 bps;\n\
+        frame pose 7 out on radio: Pose payload 12 bytes period 100 ms;\n\
+        frame alarm 8 in on radio flags lost, low payload 1 bytes rate 20 Hz;\n";
+    // Names are each end's own.
+    const HEAD: &str = "link line rate 115200 bps;\n\
+        frame spot 7 in on line: Pose payload 12 bytes period 100 ms;\n\
+        frame trouble 8 out on line flags gone, flat payload 1 bytes period 50 ms;\n";
 
-    fn frame(name: &str, identifier: u16, direction: Direction) -> FrameDeclaration {
-        FrameDeclaration {
-            name: name.to_owned(),
-            span: Span::default(),
-            identifier,
-            direction,
-            content: Content::Value("Pose".to_owned()),
-            payload_bytes: 12,
-            period_us: 100_000,
-            late_us: None,
-        }
-    }
-
-    fn link(name: &str, frames: Vec<FrameDeclaration>) -> LinkDeclaration {
-        LinkDeclaration {
-            name: name.to_owned(),
-            span: Span::default(),
-            rate_bps: 115_200,
-            bits: 10,
-            header_bytes: 4,
-            gap_us: 0,
-            frames,
-        }
-    }
-
-    /// Both ends alike: one frame each way.
-    fn alike() -> [Vec<LinkDeclaration>; 2] {
-        let flags = |names: [&str; 2]| Content::Flags(names.map(str::to_owned).to_vec());
-        let alarm = |direction, names| FrameDeclaration {
-            content: flags(names),
-            payload_bytes: 1,
-            ..frame("alarm", 8, direction)
-        };
-        let base = vec![
-            frame("pose", 7, Direction::Out),
-            alarm(Direction::In, ["lost", "low"]),
+    fn found(base: &str, head: &str) -> Vec<Diagnostic> {
+        let (base, head) = (load_text("base.esm", base), load_text("head.esm", head));
+        let mission = |model, first_file| Mission { model, first_file };
+        let missions = [
+            mission(base.model.as_ref(), 1),
+            mission(head.model.as_ref(), 2),
         ];
-        // Names are each end's own.
-        let head = vec![
-            frame("where", 7, Direction::In),
-            alarm(Direction::Out, ["gone", "flat"]),
-        ];
-        [vec![link("radio", base)], vec![link("line", head)]]
-    }
-
-    fn messages(declared: &[Vec<LinkDeclaration>; 2]) -> Vec<String> {
-        let system = read(FILE).0.unwrap();
-        let found = check(&system, declared);
-        for it in &found {
-            let place = &FILE[it.span.start as usize..it.span.end as usize];
-            assert!("base.radio to head.line".contains(place), "{place}");
-        }
-        found.into_iter().map(|it| it.message).collect()
+        check(&read(FILE).0.unwrap(), &missions)
     }
 
     #[test]
     fn ends_that_fit_are_silent() {
-        assert_eq!(messages(&alike()), [""; 0]);
+        assert_eq!(found(BASE, HEAD), []);
+        // What is wrong with a mission itself is said elsewhere.
+        assert_eq!(found("link", HEAD), []);
     }
 
     #[test]
     fn each_difference_is_told_with_both_sides() {
-        type Change = fn(&mut [Vec<LinkDeclaration>; 2]);
-        let cases: [(Change, &str); 10] = [
+        let cases = [
             (
-                |it| it[0][0].rate_bps = 9_600,
-                "both ends of this link have another rate: 9600 bps at `base`, 115200 bps at `head`",
+                BASE.replace("115200", "9600"),
+                HEAD.to_owned(),
+                "the ends of this link have another rate each: 9600 bps at `base`, 115200 bps at `head`",
             ),
             (
-                |it| it[1][0].bits = 11,
-                "both ends of this link have another length of a byte",
+                BASE.to_owned(),
+                HEAD.replace("bps;", "bps bits 11;"),
+                "the ends of this link have another length of a byte each: 10 bits at `base`",
             ),
             (
-                |it| it[1][0].header_bytes = 6,
-                "both ends of this link have another header: 4 bytes",
+                BASE.to_owned(),
+                HEAD.replace("bps;", "bps header 6 bytes;"),
+                "the ends of this link have another header each: 4 bytes at `base`, 6 bytes at `head`",
             ),
             (
-                |it| it[0][0].frames[0].payload_bytes = 8,
-                "both ends mean another payload by frame 7: 8 bytes at `base`, 12 bytes at `head`",
+                BASE.replace("12 bytes", "8 bytes"),
+                HEAD.to_owned(),
+                "the ends mean another payload each by frame 7: 8 bytes at `base`, 12 bytes at `head`",
             ),
             (
-                |it| it[1][0].frames[0].period_us = 2_500,
-                "both ends mean another period by frame 7: 100 ms at `base`, 2.5 ms at `head`",
+                BASE.to_owned(),
+                HEAD.replace("100 ms", "2500 us"),
+                "the ends mean another period each by frame 7: 100 ms at `base`, 2.5 ms at `head`",
             ),
             (
-                |it| it[1][0].frames[0].content = Content::Value("Twist".to_owned()),
-                "both ends mean another content by frame 7: a `Pose` at `base`, a `Twist` at `head`",
+                BASE.to_owned(),
+                HEAD.replace("Pose", "Twist"),
+                "the ends mean another content each by frame 7: a `Pose` at `base`, a `Twist` at `head`",
             ),
             (
-                |it| it[0][0].frames[1].content = Content::Flags(vec!["lost".to_owned()]),
-                "both ends mean another content by frame 8: 2 flags at `head`, 1 flag at `base`",
+                BASE.replace("lost, low", "lost"),
+                HEAD.to_owned(),
+                "the ends mean another content each by frame 8: 2 flags at `head`, 1 flag at `base`",
             ),
+        ];
+        for (base, head, expected) in cases {
+            let found = found(&base, &head);
+            assert_eq!(found.len(), 1, "{found:#?}");
+            assert!(found[0].message.starts_with(expected), "{found:#?}");
+            assert_eq!(
+                &FILE[found[0].span.start as usize..],
+                "base.radio to head.line;"
+            );
+            let files: Vec<u32> = found[0].related.iter().map(|it| it.0.file).collect();
+            assert!(
+                [[1, 2], [2, 1]].contains(&[files[0], files[1]]),
+                "{found:#?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_frame_and_a_link_without_their_other_end_are_told() {
+        let without = |text: &str, frame: &str| -> String {
+            let lines = text.lines().filter(|line| !line.contains(frame));
+            lines.map(|line| format!("{line}\n")).collect()
+        };
+        let open = found(BASE, &format!("{HEAD}link spare rate 9600 bps;"));
+        let cases = [
+            (open, "link `spare` of `head` leads nowhere"),
             (
-                |it| drop(it[1][0].frames.remove(0)),
+                found(BASE, &without(HEAD, "spot")),
                 "frame 7, `pose` of `base`, is received by nobody at `head`",
             ),
             (
-                |it| drop(it[1][0].frames.remove(1)),
+                found(BASE, &without(HEAD, "trouble")),
                 "frame 8, `alarm` of `base`, is sent by nobody at `head`",
             ),
-            (
-                |it| it[1][0].name = "other".to_owned(),
-                "the mission of `head` has no link `line`",
-            ),
+            (found(BASE, ""), "the mission of `head` has no link `line`"),
         ];
-        for (change, expected) in cases {
-            let mut declared = alike();
-            change(&mut declared);
-            let found = messages(&declared);
+        for (found, expected) in cases {
             assert_eq!(found.len(), 1, "{found:#?}");
-            assert!(found[0].starts_with(expected), "{found:#?}");
+            assert_eq!(found[0].message, expected);
         }
     }
 }

@@ -110,7 +110,7 @@ impl InStep for RunningProcessor<'_, '_, '_> {
 /// # Errors
 /// [`RunError`]
 pub fn run(
-    processors: &mut [&mut dyn InStep],
+    processors: &mut [&mut (dyn InStep + '_)],
     until_us: u64,
     mut on_step: impl FnMut(usize, u64, Given) -> bool,
 ) -> Result<(), RunError> {

@@ -90,10 +90,9 @@ impl<'t> Reader<'t> {
 
     /// To the next statement: behind a `;`, or before a word that begins one.
     fn skip_statement(&mut self) {
-        let begun = self.at;
         while let Some(token) = self.peek() {
             let begins = token.kind == Kind::Word && STATEMENTS.contains(&token.text);
-            if begins && self.at > begun {
+            if begins {
                 break;
             }
             self.at += 1;
@@ -635,10 +634,13 @@ mod tests {
                 "processor a mission \"a\"",
                 "1:24 E001 the file ends where `;` or one of",
             ),
-            ("BASE BASE", "1:57 E003 processor `base` is defined twice"),
+            (
+                "BASE processor base mission \"b\";",
+                "1:58 E003 processor `base` is defined twice",
+            ),
             (
                 "BASE processor head mission \"h\" pins motors;",
-                "1:84 E003 `motors` are pins of two processors",
+                "1:80 E003 `motors` are pins of two processors",
             ),
             (
                 "BASE HEAD link base.a head.b;",
