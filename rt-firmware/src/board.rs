@@ -3,6 +3,7 @@
 use embedded_hal::digital::InputPin;
 
 use crate::drivers::StopButton;
+use crate::frames::LinkDevice;
 use esm_link::message::SafeReason;
 
 /// A board's time, body and watchdog, as the slot timer's interrupt reaches them.
@@ -57,6 +58,12 @@ pub trait Board {
     #[cfg_attr(feature = "speed", inline(always))]
     fn is_emergency_stop_pressed(&mut self) -> bool {
         false
+    }
+
+    /// What carries the frames of the mission's link with this index, if the board has so many.
+    /// The links of a mission have those of the board in their order.
+    fn link(&mut self, _index: usize) -> Option<&mut dyn LinkDevice> {
+        None
     }
 
     /// Stops all that moves. Called when the robot stops, again in each activation of the
@@ -120,6 +127,10 @@ impl<B: Board, P: InputPin> Board for WithStopButton<B, P> {
         let WithStopButton { board, button } = self;
         button.is_pressed(|| board.now_low_ticks(), B::TICKS_PER_US)
             || board.is_emergency_stop_pressed()
+    }
+
+    fn link(&mut self, index: usize) -> Option<&mut dyn LinkDevice> {
+        self.board.link(index)
     }
 
     #[cfg_attr(feature = "speed", inline(always))]

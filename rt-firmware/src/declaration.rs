@@ -34,6 +34,19 @@ pub trait PortType: Copy + Send + Sync + 'static {
     fn show(&self, show: &mut Show<'_>) {
         let _ = show;
     }
+
+    /// Bytes of its fields in the payload of a frame; 0 of a type that cannot travel.
+    const PAYLOAD_BYTES: usize = 0;
+
+    /// Writes its fields into a payload of [`PAYLOAD_BYTES`](Self::PAYLOAD_BYTES).
+    fn put(&self, payload: &mut [u8]) {
+        let _ = payload;
+    }
+
+    /// Reads its fields from such a payload.
+    fn take(&mut self, payload: &[u8]) {
+        let _ = payload;
+    }
 }
 
 /// Implements [`PortType`] for the types that need no declaration of their own.
@@ -46,6 +59,13 @@ macro_rules! plain_port_type {
             const FIELDS: &'static str = concat!(":", stringify!($name), "\n");
             fn show(&self, show: &mut Show<'_>) {
                 Field::show(self, show);
+            }
+            const PAYLOAD_BYTES: usize = <Self as Field>::BYTES;
+            fn put(&self, payload: &mut [u8]) {
+                crate::show::put_first(self, payload);
+            }
+            fn take(&mut self, payload: &[u8]) {
+                crate::show::take_first(self, payload);
             }
         })*
     };
@@ -99,16 +119,38 @@ pub(crate) struct Kind {
     name: &'static str,
     #[cfg(feature = "telemetry")]
     tell: Tell,
+    #[cfg(feature = "links")]
+    codec: Codec,
+}
+
+/// How a value in a buffer becomes a payload, and back.
+#[cfg(feature = "links")]
+#[derive(Clone, Copy)]
+pub(crate) struct Codec {
+    /// Bytes of the payload; 0 of a type that cannot travel.
+    pub(crate) payload_bytes: usize,
+    /// Bytes of a buffer of such a value, and what its address is a multiple of.
+    pub(crate) buffer_bytes: usize,
+    pub(crate) buffer_align: usize,
+    /// Writes the value in a buffer into a payload.
+    pub(crate) put: unsafe fn(NonNull<()>, &mut [u8]),
+    /// Makes the value of a payload in a buffer, whatever was there.
+    pub(crate) take: unsafe fn(&[u8], NonNull<()>),
 }
 
 impl Kind {
     /// Of these values, and of buffers that hold such.
-    pub(crate) const fn new<V: PortType>(#[cfg(feature = "telemetry")] tell: Tell) -> Self {
+    pub(crate) const fn new<V: PortType>(
+        #[cfg(feature = "telemetry")] tell: Tell,
+        #[cfg(feature = "links")] codec: Codec,
+    ) -> Self {
         Kind {
             type_id: TypeId::of::<V>(),
             name: V::NAME,
             #[cfg(feature = "telemetry")]
             tell,
+            #[cfg(feature = "links")]
+            codec,
         }
     }
 }
@@ -137,6 +179,12 @@ impl ValueKind {
     #[cfg(feature = "telemetry")]
     pub(crate) fn tell(self) -> Tell {
         self.0.tell
+    }
+
+    /// How a value of this kind travels.
+    #[cfg(feature = "links")]
+    pub(crate) fn codec(self) -> Codec {
+        self.0.codec
     }
 
     /// Whether both are one `Kind`.

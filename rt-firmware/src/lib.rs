@@ -44,6 +44,7 @@ mod declaration;
 pub mod drivers;
 mod emergency_stop;
 pub mod features;
+pub mod frames;
 mod heartbeats;
 pub mod link;
 mod list_command;

@@ -21,6 +21,8 @@
 //!    task's own output and `inout`: a value is changed in place if no background run reads it and
 //!    the same task does not read it through another port; nobody else can be reading it, since
 //!    real-time tasks never preempt each other.
+//!    A value that comes over a link is written by the executor itself, into a place to which no
+//!    net refers but the one that it is published on.
 //! 4. **Types are known.** Each value carries the [`ValueKind`] of what is in its buffer, which has
 //!    its type from [`ValueKind::of`] alone. It is compared with the port's when a task instance is
 //!    executed, unless the buffer is one of the port's own, and the port's with the handle's at
@@ -34,12 +36,16 @@ use core::any::TypeId;
 use core::cell::{Cell, UnsafeCell};
 use core::ptr::NonNull;
 
+#[cfg(feature = "links")]
+use crate::declaration::Codec;
 pub use crate::declaration::ValueKind;
 use crate::declaration::{
     Declaration, Direction, In, InFlag, InOut, Kind, MAX_DATA_PORTS, MAX_PARAMS, OptIn, OptInOut,
     Out, OutFlag, Param, ParamType, Params, PortDeclaration, PortType, Step, same_text,
 };
 use crate::features::{MISSIONS, WARM};
+#[cfg(feature = "links")]
+use crate::frames::{ReceivedValue, VALUE_BYTES};
 use crate::list_command::{Answer, CommandBox, ListCommand};
 use crate::notes::Notes;
 use crate::odometry::Pose;
@@ -137,12 +143,46 @@ struct Buffer<V> {
 impl ValueKind {
     /// The kind of these values.
     pub const fn of<V: PortType>() -> Self {
-        #[cfg(feature = "telemetry")]
-        let kind = const { &Kind::new::<V>(tell::<V>) };
-        #[cfg(not(feature = "telemetry"))]
-        let kind = const { &Kind::new::<V>() };
+        let kind = const {
+            &Kind::new::<V>(
+                #[cfg(feature = "telemetry")]
+                tell::<V>,
+                #[cfg(feature = "links")]
+                Codec {
+                    payload_bytes: V::PAYLOAD_BYTES,
+                    buffer_bytes: size_of::<Buffer<V>>(),
+                    buffer_align: align_of::<Buffer<V>>(),
+                    put: put::<V>,
+                    take: take::<V>,
+                },
+            )
+        };
         ValueKind::new(kind)
     }
+}
+
+/// Writes the value in a buffer into a payload.
+///
+/// # Safety
+/// The buffer is a live one of this type, its pointer has provenance over all of it, and nobody is
+/// writing its value.
+#[cfg(feature = "links")]
+unsafe fn put<V: PortType>(buffer: NonNull<()>, payload: &mut [u8]) {
+    // SAFETY: as the caller promises.
+    unsafe { value_in::<V>(buffer.cast()).as_ref() }.put(payload);
+}
+
+/// Makes the value of a payload in a buffer.
+///
+/// # Safety
+/// The pointer is aligned for a buffer of this type and has provenance over as many bytes as one
+/// has, and nobody looks at these bytes but at the head.
+#[cfg(feature = "links")]
+unsafe fn take<V: PortType>(payload: &[u8], buffer: NonNull<()>) {
+    let mut value = V::INIT;
+    value.take(payload);
+    // SAFETY: as the caller promises; what was there is overwritten, not dropped.
+    unsafe { value_in::<V>(buffer.cast()).as_ptr().write(value) };
 }
 
 /// Shows the value in a buffer, if there is one, and says what values of the type are made of.
@@ -1263,6 +1303,9 @@ pub struct Executor<'m> {
     nets: &'m mut [Net],
     /// Empty but while nets are carried from one mission to the next. None where they cannot be.
     nets_before: &'m mut [Net],
+    /// Values that came over links.
+    #[cfg(feature = "links")]
+    received: &'m [ReceivedValue],
     /// The number of the task that is lent.
     lent: Option<u16>,
     /// The lent background run belongs to a mission that is over.
@@ -1304,6 +1347,8 @@ pub fn assemble<'m, const NETS: usize>(
             registry,
             nets,
             nets_before,
+            #[cfg(feature = "links")]
+            received: &[],
             lent: None,
             lent_is_stale: false,
             call: None,
@@ -1314,6 +1359,14 @@ pub fn assemble<'m, const NETS: usize>(
 }
 
 impl<'m> Executor<'m> {
+    /// Gives it places for values that come over links. It borrows them mutably, so that nobody
+    /// else has them (invariant 1).
+    #[cfg(feature = "links")]
+    pub(crate) fn with_received(mut self, places: &'m mut [ReceivedValue]) -> Self {
+        self.received = places;
+        self
+    }
+
     /// The declarations of the tasks.
     pub fn registry(&self) -> Registry<'m> {
         self.registry
@@ -1708,6 +1761,67 @@ impl<'m> Executor<'m> {
             allowed_overruns: said.allowed_overruns,
             failure: said.failure,
         })
+    }
+
+    /// Whether a net holds a value.
+    #[cfg(feature = "links")]
+    pub(crate) fn has_value(&self, net: usize) -> bool {
+        self.nets.get(net).is_some_and(|net| net.value.is_some())
+    }
+
+    /// Writes the value on a net into a payload of its length, if there is one.
+    #[cfg(feature = "links")]
+    pub(crate) fn put_value(&self, net: usize, payload: &mut [u8]) {
+        let Some(value) = self.nets.get(net).and_then(|net| net.value) else {
+            return;
+        };
+        let codec = value.kind.codec();
+        if payload.len() == codec.payload_bytes {
+            // SAFETY: the kind is that of the buffer (invariant 4), and a published value is not
+            // written except while a task is executed, which borrows the executor mutably
+            // (invariant 3).
+            unsafe { (codec.put)(value.head.cast(), payload) };
+        }
+    }
+
+    /// Publishes the value of a payload on a net. Where the last one that came so is on no other
+    /// net, and no background run reads it, it is written over. False if there is no place for it.
+    #[cfg(feature = "links")]
+    pub(crate) fn take_value(
+        &mut self,
+        net: usize,
+        kind: ValueKind,
+        payload: &[u8],
+        value_us: u64,
+    ) -> bool {
+        self.call = None;
+        let codec = kind.codec();
+        let fits = payload.len() == codec.payload_bytes
+            && codec.buffer_bytes <= VALUE_BYTES
+            && codec.buffer_align <= align_of::<u64>();
+        let Some(net) = self.nets.get_mut(net).filter(|_| fits) else {
+            return false;
+        };
+        let places = self.received.iter();
+        let mut places = places.map(|place| NonNull::from(&place.0).cast::<Head>());
+        let own = net.value.filter(|value| {
+            let is_own = places.clone().any(|place| place == value.head);
+            is_own && value.kind.is(kind) && value.head().uses.get() == PUBLISHED_ONCE
+        });
+        let free = || {
+            // SAFETY: these places outlive the executor, and each begins with a head: its memory is
+            // zeros at first, which is a free one, and nobody but this function writes into it.
+            places.find(|place| unsafe { head(*place) }.is_free())
+        };
+        let Some(place) = own.map(|value| value.head).or_else(free) else {
+            return false;
+        };
+        // SAFETY: the place is aligned for any value that fits, as was asked above, and the pointer
+        // has provenance over all of it. No net but this one refers to it and no background run
+        // reads it, so that nobody looks at the value (invariant 3).
+        unsafe { (codec.take)(payload, place.cast()) };
+        net.publish(Some(ErasedBuffer { head: place, kind }), value_us);
+        true
     }
 
     /// Publishes a value from outside on a net, which is as fresh as anyone wants it: how a

@@ -50,6 +50,9 @@ use core::sync::atomic::AtomicBool;
 use crate::about::About;
 use crate::background::Background;
 use crate::features::MISSIONS;
+#[cfg(not(feature = "links"))]
+use crate::frames::FrameLists;
+use crate::frames::FrameMemory;
 use crate::heartbeats::Heartbeats;
 use crate::link::device::{LinkSide, RequestHandler};
 use crate::ports::{AnyTaskPool, BackgroundRun, Net, RegistryFault, assemble};
@@ -100,6 +103,8 @@ pub struct Memory<
     /// What a mission has in common with the one that it takes over from.
     pairs: [[[u16; PAIRS_OF_WORD]; ARENA_WORDS]; MISSIONS - 1],
     nets: [[Net; NETS]; MISSIONS],
+    #[cfg_attr(not(feature = "links"), expect(dead_code, reason = "there are none"))]
+    frames: FrameMemory,
     groups: [Group; GROUPS],
     trace: Ring<TRACE_BYTES>,
     trace_wanted: AtomicBool,
@@ -133,6 +138,7 @@ impl<
             tasks: [[TaskEntry::UNUSED; TASKS]; MISSIONS],
             pairs: [[[0; PAIRS_OF_WORD]; ARENA_WORDS]; MISSIONS - 1],
             nets: [[Net::EMPTY; NETS]; MISSIONS],
+            frames: FrameMemory::new(),
             groups: [Group::UNUSED; GROUPS],
             trace: Ring::new(),
             trace_wanted: AtomicBool::new(false),
@@ -199,6 +205,10 @@ pub fn split<
         exclusive_groups: GROUPS as u16,
     };
     let (executor, registry) = assemble(banks, &mut memory.nets)?;
+    #[cfg(feature = "links")]
+    let (mut frames, received) = memory.frames.split();
+    #[cfg(feature = "links")]
+    let executor = executor.with_received(received);
     let (trace_writer, trace_reader) = memory.trace.split();
     let (recorder, record) = memory.recorder.split();
     let (sampler, values) = memory.telemetry.split();
@@ -219,6 +229,10 @@ pub fn split<
             tasks: tasks.next().map(|tasks| &mut tasks[..]).unwrap_or_default(),
             slots: slots.next().map(|slots| &mut slots[..]).unwrap_or_default(),
             first_in_slot_0: None,
+            #[cfg(feature = "links")]
+            frames: frames.next().unwrap_or_default(),
+            #[cfg(not(feature = "links"))]
+            frames: FrameLists::default(),
         },
     });
     let pairs = memory.pairs.as_flattened_mut().as_flattened_mut();

@@ -1,5 +1,8 @@
 //! What a value on a net is made of: the names and types of its fields, which a host asks for, and
 //! their bits, which [telemetry](esm_link::telemetry) carries. Nothing is formatted here.
+//!
+//! The same fields, one behind the other and little endian, are the payload of a
+//! [frame](crate::frames): a `bool` is a byte, 0 or 1; a row has no gaps.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -35,7 +38,45 @@ macro_rules! fields {
                 $crate::show::Field::show(field, show);
             )+
         }
+
+        const PAYLOAD_BYTES: usize = 0 $(+ <$type as $crate::show::Field>::BYTES)+;
+
+        fn put(&self, payload: &mut [u8]) {
+            let rest = payload;
+            $(let rest = $crate::show::put_first::<$type>(&self.$name, rest);)+
+            let _ = rest;
+        }
+
+        fn take(&mut self, payload: &[u8]) {
+            let rest = payload;
+            $(let rest = $crate::show::take_first::<$type>(&mut self.$name, rest);)+
+            let _ = rest;
+        }
     };
+}
+
+/// Writes a field to the beginning of a payload, and gives what is behind it.
+#[doc(hidden)]
+pub fn put_first<'p, F: Field>(field: &F, payload: &'p mut [u8]) -> &'p mut [u8] {
+    match payload.split_at_mut_checked(F::BYTES) {
+        Some((first, rest)) => {
+            field.put(first);
+            rest
+        }
+        None => &mut [],
+    }
+}
+
+/// Reads a field from the beginning of a payload, and gives what is behind it.
+#[doc(hidden)]
+pub fn take_first<'p, F: Field>(field: &mut F, payload: &'p [u8]) -> &'p [u8] {
+    match payload.split_at_checked(F::BYTES) {
+        Some((first, rest)) => {
+            field.take(first);
+            rest
+        }
+        None => &[],
+    }
 }
 
 /// How a field's type is told.
@@ -84,17 +125,56 @@ impl<'s> Show<'s> {
 /// What a field can be.
 #[doc(hidden)]
 pub trait Field {
+    /// Bytes of it in a payload.
+    const BYTES: usize;
     fn show(&self, show: &mut Show<'_>);
+    /// Writes it into so many bytes.
+    fn put(&self, bytes: &mut [u8]);
+    /// Reads it from so many bytes.
+    fn take(&mut self, bytes: &[u8]);
 }
 
 /// What a row can be made of: so many bits of a word.
 trait Item: Copy {
     const BITS: u32;
+    /// Bytes of it in a payload.
+    const BYTES: usize;
     fn bits(self) -> u32;
+    fn of_bits(bits: u32) -> Self;
+}
+
+/// Writes an item, little endian.
+fn put_item(item: impl Item, bytes: &mut [u8]) {
+    for (byte, bits) in bytes.iter_mut().zip(item.bits().to_le_bytes()) {
+        *byte = bits;
+    }
+}
+
+/// Reads an item, little endian.
+fn item<I: Item>(bytes: &[u8]) -> I {
+    let mut bits = [0; size_of::<u32>()];
+    for (bits, byte) in bits.iter_mut().zip(bytes) {
+        *bits = *byte;
+    }
+    I::of_bits(u32::from_le_bytes(bits))
 }
 
 /// A row of small integers has as many of them in a word as fit: a sample has few words.
 impl<I: Item, const N: usize> Field for [I; N] {
+    const BYTES: usize = N * I::BYTES;
+
+    fn put(&self, bytes: &mut [u8]) {
+        for (item, bytes) in self.iter().zip(bytes.chunks_mut(I::BYTES)) {
+            put_item(*item, bytes);
+        }
+    }
+
+    fn take(&mut self, bytes: &[u8]) {
+        for (place, bytes) in self.iter_mut().zip(bytes.chunks(I::BYTES)) {
+            *place = item(bytes);
+        }
+    }
+
     fn show(&self, show: &mut Show<'_>) {
         let mask = u32::MAX >> (u32::BITS - I::BITS);
         for items in self.chunks((u32::BITS / I::BITS) as usize) {
@@ -109,16 +189,27 @@ impl<I: Item, const N: usize> Field for [I; N] {
 }
 
 macro_rules! field_types {
-    ($($name:ty, $bits_of_row:literal: $value:ident => $bits:expr;)+) => {
+    ($($name:ty, $bits_of_row:literal: $value:ident => $bits:expr, $of_bits:expr;)+) => {
         $(impl Item for $name {
             const BITS: u32 = $bits_of_row;
+            const BYTES: usize = size_of::<$name>();
             fn bits(self) -> u32 {
                 let $value = self;
                 $bits
             }
+            fn of_bits($value: u32) -> Self {
+                $of_bits
+            }
         }
 
         impl Field for $name {
+            const BYTES: usize = <Self as Item>::BYTES;
+            fn put(&self, bytes: &mut [u8]) {
+                put_item(*self, bytes);
+            }
+            fn take(&mut self, bytes: &[u8]) {
+                *self = item(bytes);
+            }
             fn show(&self, show: &mut Show<'_>) {
                 show.word(self.bits());
             }
@@ -127,14 +218,66 @@ macro_rules! field_types {
 }
 
 field_types! {
-    bool, 32: value => value.into();
-    u8, 8: value => value.into();
-    u16, 16: value => value.into();
-    u32, 32: value => value;
-    i8, 8: value => i32::from(value).cast_unsigned();
-    i16, 16: value => i32::from(value).cast_unsigned();
-    i32, 32: value => value.cast_unsigned();
-    f32, 32: value => value.to_bits();
+    bool, 32: value => value.into(), value != 0;
+    u8, 8: value => value.into(), value as u8;
+    u16, 16: value => value.into(), value as u16;
+    u32, 32: value => value, value;
+    i8, 8: value => i32::from(value).cast_unsigned(), value as i8;
+    i16, 16: value => i32::from(value).cast_unsigned(), value as i16;
+    i32, 32: value => value.cast_unsigned(), value.cast_signed();
+    f32, 32: value => value.to_bits(), f32::from_bits(value);
+}
+
+#[cfg(test)]
+mod payload_tests {
+    use crate::PortType;
+
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    struct Beam {
+        is_on: bool,
+        hits: [u8; 3],
+        angle: i16,
+        range_m: f32,
+        rows: [i16; 2],
+        hidden: u32,
+    }
+
+    impl PortType for Beam {
+        const NAME: &'static str = "Beam";
+        const INIT: Self = Beam {
+            is_on: false,
+            hits: [0; 3],
+            angle: 0,
+            range_m: 0.0,
+            rows: [0; 2],
+            hidden: 9,
+        };
+        fields! { is_on: bool, hits: [u8; 3], angle: i16, range_m: f32, rows: [i16; 2] }
+    }
+
+    #[test]
+    fn fields_are_the_payload_without_gaps_and_little_endian() {
+        let beam = Beam {
+            is_on: true,
+            hits: [1, 2, 3],
+            angle: -2,
+            range_m: 1.5,
+            rows: [256, -1],
+            hidden: 7,
+        };
+        let mut payload = [0; Beam::PAYLOAD_BYTES];
+        beam.put(&mut payload);
+        let expected = [1, 1, 2, 3, 0xFE, 0xFF, 0, 0, 0xC0, 0x3F, 0, 1, 0xFF, 0xFF];
+        assert_eq!(payload, expected);
+        let mut taken = Beam::INIT;
+        taken.take(&payload);
+        // What is not to be seen from outside does not travel.
+        assert_eq!(taken, Beam { hidden: 9, ..beam });
+        // One that is cut is read as far as its fields are whole.
+        let mut cut = Beam::INIT;
+        cut.take(&payload[..7]);
+        assert_eq!((cut.angle, cut.range_m), (-2, 0.0));
+    }
 }
 
 #[cfg(all(test, feature = "telemetry"))]

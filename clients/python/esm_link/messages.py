@@ -59,7 +59,7 @@ SLOT_STATES = (
     "trial not recorded",
     "given up",
 )
-CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups", "entries in common with the mission before", "steps of a script")
+CAPACITIES = ("bytes of the blob", "words for the interpreter", "slots", "task states", "nets", "exclusive groups", "entries in common with the mission before", "steps of a script", "links", "frames")
 CHANNELS = ("trace", "log", "record", "values")
 ACCESS = ("unsupported", "open", "locked", "unreadable", "recovering", "damaged")
 # Where a robot remembers its owner's key.
@@ -609,6 +609,8 @@ def _answer(fields: Fields) -> object:
         return ParamSet(fields.number(32))
     if kind == 15:
         return ParamsSaved(fields.u8())
+    if kind == 53:
+        return Error("PayloadDiffers", u16("frame", "needed"))
     if kind == 16:
         return Clock(fields.number())
     if kind == 17:

@@ -47,7 +47,7 @@ pub fn parts(identifier: u32) -> Option<(u16, u8, u8)> {
 pub fn receive<'a>(
     medium_identifier: u32,
     data: &'a [u8],
-    frames: &impl InFrames,
+    frames: &(impl InFrames + ?Sized),
 ) -> Result<Arrived<'a>, ReceiveError> {
     let unknown = ReceiveError::UnknownIdentifier;
     let (identifier, number, configuration) = parts(medium_identifier).ok_or(unknown)?;

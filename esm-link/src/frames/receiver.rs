@@ -98,7 +98,7 @@ impl core::error::Error for ReceiveError {}
 /// Checks what was between two delimiters, COBS taken off, and finds its frame.
 pub(crate) fn check<'a>(
     plain: &'a [u8],
-    frames: &impl InFrames,
+    frames: &(impl InFrames + ?Sized),
 ) -> Result<Arrived<'a>, ReceiveError> {
     let (checked, checksum) = plain
         .split_last_chunk::<CRC_BYTES>()
@@ -156,7 +156,7 @@ impl Receiver {
     pub fn take(
         &mut self,
         arrived: &mut &[u8],
-        frames: &impl InFrames,
+        frames: &(impl InFrames + ?Sized),
     ) -> Option<Result<Arrived<'_>, ReceiveError>> {
         let len = loop {
             let (&byte, rest) = arrived.split_first()?;

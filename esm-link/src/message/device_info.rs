@@ -78,4 +78,8 @@ pub enum Capacity {
     Pairs,
     /// Steps of a script.
     ScriptSteps,
+    /// Links.
+    Links,
+    /// Frames of all links.
+    Frames,
 }

@@ -183,4 +183,12 @@ pub enum LinkError {
     /// No task `GlobalPosition` executes that knows where the robot is: the mission that runs has
     /// none, or the robot is stopped.
     NoPosition,
+    /// The value of a frame has another length than the frame's payload, or no task of the firmware
+    /// has its type.
+    PayloadDiffers {
+        /// Index of the frame in the blob.
+        frame: u16,
+        /// Bytes of the value; 0 of a type that the firmware does not have.
+        needed: u16,
+    },
 }

@@ -5,9 +5,10 @@ use std::thread;
 use esm_toolkit::host_board::{HostMemory, about};
 use esm_toolkit::host_run::{Ended, Given, RunError};
 use esm_toolkit::plant::Plant;
-use esm_toolkit::system::declaration::Pins;
+use esm_toolkit::system::declaration::{Link, Pins};
 use esm_toolkit::system::lock_step::{self, InStep, Member, RunningProcessor};
 use esm_toolkit::system::shared_plant::SharedPlant;
+use esm_toolkit::system::wiring::{self, Devices, Links};
 use rt_firmware::body::PinImage;
 use rt_firmware::{AnyTaskPool, Limits, Mailbox, RetainedRam, split};
 use thiserror::Error;
@@ -23,6 +24,8 @@ pub struct Plan {
     pub robot: RobotMaker,
     /// The processors, and what each has of the body.
     pub members: Vec<(Member, Vec<Pins>)>,
+    /// What lies between them.
+    pub links: Vec<Link>,
     /// The body in its world.
     pub plant: Plant,
     /// Seed of what is random.
@@ -83,8 +86,15 @@ pub fn run(plan: Plan, hear: &mut Hear<'_>) -> Result<Outcome, SystemError> {
             .stack_size(stack_bytes)
             .spawn_scoped(scope, move || {
                 let shared = SharedPlant::new(plan.plant.clone(), plan.stop_at_us);
+                let links: Vec<Links> = (plan.members.iter())
+                    .map(|(member, _)| Links {
+                        clock: member.clock,
+                        links: member.mission.links.clone(),
+                    })
+                    .collect();
+                let devices = wiring::devices(&plan.links, &links, plan.seed);
                 let mut ended = Vec::new();
-                nest(&plan, Vec::new(), &shared, &mut ended, hear)?;
+                nest(&plan, Vec::new(), (&shared, devices), &mut ended, hear)?;
                 // The innermost came to its end first.
                 ended.reverse();
                 Ok(Outcome {
@@ -101,7 +111,7 @@ pub fn run(plan: Plan, hear: &mut Hear<'_>) -> Result<Outcome, SystemError> {
 fn nest(
     plan: &Plan,
     mut running: Vec<&mut (dyn InStep + '_)>,
-    shared: &SharedPlant,
+    (shared, mut devices): (&SharedPlant, Vec<Devices>),
     ended: &mut Vec<Option<Ended>>,
     hear: &mut Hear<'_>,
 ) -> Result<(), SystemError> {
@@ -110,11 +120,15 @@ fn nest(
     };
     let pins = PinImage::new();
     let behind = shared.pins(has, member.clock);
+    let own = devices
+        .get_mut(running.len())
+        .map(std::mem::take)
+        .unwrap_or_default();
     let mut result = Err(SystemError::NoTasks);
     // The maker is bound to call this once, and may not.
-    let mut given = Some((running, behind));
+    let mut given = Some((running, behind, own, devices));
     (plan.robot)(pins.parts(), &mut |banks| {
-        let Some((running, behind)) = given.take() else {
+        let Some((running, behind, own, devices)) = given.take() else {
             return;
         };
         let processor = running.len() + 1;
@@ -131,14 +145,14 @@ fn nest(
             .and_then(|sides| {
                 let length = (plan.seed, plan.until_us);
                 let member = member.clone();
-                let run = RunningProcessor::switch_on(sides, &pins, behind, member, length);
+                let run = RunningProcessor::switch_on(sides, &pins, behind, member, own, length);
                 let mut run = run.map_err(of_board)?;
                 let mut all: Vec<&mut dyn InStep> = running
                     .into_iter()
                     .map(|other| other as &mut dyn InStep)
                     .collect();
                 all.push(&mut run);
-                nest(plan, all, shared, ended, hear)?;
+                nest(plan, all, (shared, devices), ended, hear)?;
                 ended.push(run.finish().map_err(of_board)?);
                 Ok(())
             });

@@ -193,6 +193,8 @@ impl Shortage {
             Capacity::Pairs => ("entries in common", "upload it without `--warm`"),
             // Scripts are no missions.
             Capacity::ScriptSteps => ("steps of a script", "make two of it"),
+            Capacity::Links => ("links", "send over one link what goes the same way"),
+            Capacity::Frames => ("frames", "send several values in one frame"),
         };
         Shortage { need, what, hint }
     }
@@ -240,6 +242,8 @@ fn beyond(model: &Model, tables: &Tables<'_>, what: Capacity, available: usize) 
             None
         }
         Capacity::Slots => model.slots.get(available).map(|slot| slot.span),
+        Capacity::Links => model.links.get(available).map(|link| link.declaration),
+        Capacity::Frames => model.frames.get(available).map(|frame| frame.declaration),
         Capacity::TaskInstances => {
             let place = task_instances(model).nth(available)?;
             let container = model.containers.get(place.container)?;

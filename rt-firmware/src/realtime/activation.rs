@@ -15,6 +15,8 @@ use esm_core::dispatcher::{self, Near};
 use super::RealTime;
 use super::events::Event;
 use super::execution::background_runs::{RunEnd, RunStart};
+#[cfg(feature = "links")]
+use super::execution::links;
 use super::execution::{Around, StepObserver};
 use super::slots::SlotEntry;
 use super::tasks::NONE;
@@ -361,6 +363,8 @@ impl RealTime<'_, '_> {
         match ended {
             Ok(summary) => {
                 observers.end_step(&summary, mission.interpreter(), execution.executor());
+                #[cfg(feature = "links")]
+                links::clear_seen(execution, mission);
             }
             Err(fault) => {
                 let step = mission.next_step();

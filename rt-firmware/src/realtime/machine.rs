@@ -140,6 +140,20 @@ impl<'m> Mission<'m> {
         self.interpreter.set_busy(task_instance, is_busy);
     }
 
+    /// Whether a control flag of a task instance is set.
+    #[cfg(feature = "links")]
+    pub(super) fn flag(&self, task_instance: u16, flag: u16) -> bool {
+        self.interpreter
+            .task_flag(task_instance.into(), flag.into())
+    }
+
+    /// Sets or clears a control flag of a task instance.
+    #[cfg(feature = "links")]
+    pub(super) fn set_flag(&mut self, task_instance: u16, flag: u16, value: bool) {
+        self.interpreter
+            .set_flag(task_instance.into(), flag.into(), value);
+    }
+
     /// Whether a task instance is enabled.
     pub(super) fn is_enabled(&self, task_instance: usize) -> bool {
         self.interpreter.is_enabled(task_instance)

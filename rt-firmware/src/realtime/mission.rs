@@ -45,6 +45,12 @@ impl<'m> RealTime<'_, 'm> {
         }
         let tables = mission.tables();
         let longest_us = (self.timetable).begin_mission(&tables, running, at, tasks_us);
+        #[cfg(feature = "links")]
+        {
+            let (origin, _) = self.timetable.running();
+            let follows = common.is_some().then_some(&old.frames);
+            self.execution.begin_links(follows, origin.us);
+        }
         self.safety.begin_mission(at.us, longest_us);
         let robot_us = self.timetable.previous_end_us();
         let (hash, is_warm) = (mission.hash(), common.is_some());

@@ -5,6 +5,9 @@ use esm_core::tables::{Tables, TaskPlaces};
 
 pub(crate) use super::slots::NONE;
 use super::slots::SlotEntry;
+use crate::frames::FrameLists;
+#[cfg(feature = "links")]
+use crate::frames::NO_DISPATCHER;
 use crate::ports::{Binding, Registry, TaskPlace};
 use crate::task::MAX_PARAMS;
 
@@ -36,6 +39,9 @@ pub struct TaskEntry {
     pub(super) is_busy: bool,
     /// Number of its parameters.
     pub(super) params: u8,
+    /// The dispatcher of a link that it is, or [`NO_DISPATCHER`].
+    #[cfg(feature = "links")]
+    pub(super) dispatcher: u8,
 }
 
 /// Whether a task is enabled, and how far it has come.
@@ -74,6 +80,8 @@ impl TaskEntry {
         activity: TaskActivity::Off,
         is_busy: false,
         params: 0,
+        #[cfg(feature = "links")]
+        dispatcher: NO_DISPATCHER,
     };
 
     /// The place of a task before any mission, which makes it [`EMPTY`](Self::EMPTY). All zeros, so
@@ -82,6 +90,8 @@ impl TaskEntry {
         next_in_slot: 0,
         slot: 0,
         group: 0,
+        #[cfg(feature = "links")]
+        dispatcher: 0,
         place: TaskPlace { bank: 0, place: 0 },
         ..Self::EMPTY
     };
@@ -109,6 +119,9 @@ pub(crate) struct Lists<'m> {
     pub(crate) tasks: &'m mut [TaskEntry],
     pub(crate) slots: &'m mut [SlotEntry],
     pub(crate) first_in_slot_0: Option<u16>,
+    /// What is kept for the links of the mission.
+    #[cfg_attr(not(feature = "links"), expect(dead_code, reason = "there are none"))]
+    pub(crate) frames: FrameLists<'m>,
 }
 
 /// The task instances of a mission.
@@ -129,7 +142,12 @@ pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut L
         tasks,
         slots,
         first_in_slot_0,
+        #[cfg(feature = "links")]
+        frames,
+        ..
     } = lists;
+    #[cfg(feature = "links")]
+    frames.prepare(tables, registry);
     let count = tables.task_instance_count().min(tasks.len());
     tasks.fill(TaskEntry::EMPTY);
     *first_in_slot_0 = None;
@@ -149,6 +167,10 @@ pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut L
             entry.places = places;
             entry.binding = registry.bind(free, tables.nets_from(places.first_connection));
             entry.params = entry.binding.param_count().min(MAX_PARAMS) as u8;
+            #[cfg(feature = "links")]
+            if let Some(state) = state {
+                entry.dispatcher = frames.dispatcher(tables, state.task);
+            }
             entry.group = task
                 .and_then(|task| task.exclusive)
                 .map_or(NO_GROUP, |group| group as u8);

@@ -4,7 +4,7 @@
 use core::ops::RangeInclusive;
 
 use crate::body::LINE_SENSORS;
-use crate::show::{Field, Show};
+use crate::show::{Field, Show, put_first, take_first};
 use crate::task::PortType;
 
 pub use crate::odometry::Pose;
@@ -466,6 +466,42 @@ impl PortType for Ranges {
         self.ages_cs().show(show);
         self.dead.show(show);
         self.deaf.show(show);
+    }
+
+    // What is shown, too. Whoever reads it takes its sonars to be those of which something is
+    // known, in the order of the bearings.
+    const PAYLOAD_BYTES: usize = <[f32; MAX_SONARS]>::BYTES + <[u8; MAX_SONARS]>::BYTES + 2;
+
+    fn put(&self, payload: &mut [u8]) {
+        let behind = put_first(&self.range_m, payload);
+        // Where there is no sonar, nobody is to see one.
+        let mut ages_cs = self.ages_cs();
+        for age_cs in ages_cs.iter_mut().skip(self.sonars.into()) {
+            *age_cs = Self::NEVER_CS;
+        }
+        let behind = put_first(&ages_cs, behind);
+        put_first(&self.deaf, put_first(&self.dead, behind));
+    }
+
+    fn take(&mut self, payload: &[u8]) {
+        const MS_PER_CS: u16 = 10;
+        let mut ages_cs = [Self::NEVER_CS; MAX_SONARS];
+        let behind = take_first(&mut self.range_m, payload);
+        let behind = take_first(&mut ages_cs, behind);
+        take_first(&mut self.deaf, take_first(&mut self.dead, behind));
+        self.age_ms = ages_cs.map(|age_cs| match age_cs {
+            Self::NEVER_CS => Self::NEVER_MS,
+            age_cs => u16::from(age_cs) * MS_PER_CS,
+        });
+        let is_there = |sonar: &usize| {
+            let answers = (self.dead | self.deaf) >> sonar & 1 != 0;
+            answers
+                || ages_cs
+                    .get(*sonar)
+                    .is_some_and(|age_cs| *age_cs != Self::NEVER_CS)
+        };
+        let last = (0..MAX_SONARS).rev().find(is_there);
+        self.sonars = last.map_or(0, |last| last as u8 + 1);
     }
 }
 

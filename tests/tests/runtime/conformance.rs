@@ -746,6 +746,21 @@ fn write_frames(text: &mut String) {
         ("error position outside", Err(LinkError::PositionOutside)),
         ("error no position", Err(LinkError::NoPosition)),
         (
+            "error payload differs",
+            Err(LinkError::PayloadDiffers {
+                frame: 3,
+                needed: 300,
+            }),
+        ),
+        (
+            "error too many frames",
+            Err(LinkError::CapacityExceeded {
+                what: Capacity::Frames,
+                needed: 129,
+                available: 128,
+            }),
+        ),
+        (
             "error too many steps",
             Err(LinkError::CapacityExceeded {
                 what: Capacity::ScriptSteps,

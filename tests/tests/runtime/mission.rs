@@ -90,6 +90,7 @@ impl Mission {
             data: vec![],
             flags: vec![],
             params: vec![],
+            dispatcher: None,
             docs: String::new(),
             span: NOWHERE,
         };

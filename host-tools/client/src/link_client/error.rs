@@ -281,6 +281,8 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
                 Capacity::TaskInstances => "task states",
                 Capacity::Nets => "nets",
                 Capacity::ExclusiveGroups => "exclusive groups",
+                Capacity::Links => "links",
+                Capacity::Frames => "frames",
                 Capacity::ScriptSteps => {
                     return format!(
                         "the script has {needed} steps, with those that its situations insert, and the robot has room for {available}: make two of it"
@@ -310,6 +312,8 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::TooFast => "that is no speed, or faster than a robot may be driven by hand: 2 m/s and 6.3 rad/s at most".into(),
         LinkError::PositionOutside => "that is no position, or beyond what it takes: 1,000 m along each axis; a correction, 1 m and 0.6 rad".into(),
         LinkError::NoPosition => "no task `GlobalPosition` executes there that knows where the robot is: the mission has none, or is stopped; `esm status` says how it is, `missions/by_hand.esm` has one".into(),
+        LinkError::PayloadDiffers { frame, needed: 0 } => format!("no task of its firmware has the type of frame {frame} of the mission, counted from 0; `esm tasks` lists what it has"),
+        LinkError::PayloadDiffers { frame, needed } => format!("the value of frame {frame} of the mission, counted from 0, is {needed} bytes long there: write `payload {needed} bytes`"),
         LinkError::StopCame => "a stop came meanwhile, and the robot stands still; if nobody needs that any more, `esm start` it again".into(),
         LinkError::Late => "it came to this later than you waited for it, and has not done it".into(),
         LinkError::StopNotStored => "the emergency stop is as you want it, but the robot's flash did not take that: a loss of power undoes it".into(),

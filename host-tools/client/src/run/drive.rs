@@ -1031,6 +1031,7 @@ fn is_about_the_mission(error: LinkError) -> bool {
             | LinkError::CapacityExceeded { .. }
             | LinkError::NetTypeDiffers { .. }
             | LinkError::ParamOutOfRange { .. }
+            | LinkError::PayloadDiffers { .. }
     )
 }
 

@@ -135,6 +135,7 @@ pub fn execute(
     let plan = Plan {
         robot,
         members,
+        links: system.links.clone(),
         plant,
         seed: args.seed,
         until_us: args.until.us,
@@ -152,14 +153,10 @@ pub fn execute(
     let mut end_us = args.until.us;
     let mut hear = |index: usize, plant_us: u64, given: crate::host_run::Given| {
         let name = names.get(index).copied().unwrap_or_default();
-        for (_, said) in given
-            .words
-            .into_iter()
-            .chain(given.log)
-            .filter(|_| !is_quiet)
-        {
-            let line = format!("{:>10.3} s  {name}: {said}\n", plant_us as f64 / 1e6);
-            if let Err(error) = console.text(&line) {
+        let words = given.words.into_iter().map(|(_, said)| said);
+        let log = (given.log.into_iter()).map(|(_, line)| format!("       log | {line}"));
+        for said in words.chain(log).filter(|_| !is_quiet) {
+            if let Err(error) = console.text(&format!("{name:>8} {said}\n")) {
                 failed = Some(error);
             }
         }

@@ -2,9 +2,12 @@
 
 use std::collections::VecDeque;
 
+use esm_link::frames::receiver::InFrames;
+use esm_link::frames::wire::{Header, MAX_PAYLOAD_BYTES};
 use esm_link::message::SafeReason;
 use rt_firmware::body::{Actuators, Freshness, PinImage, PlantExchange, StopPin};
 use rt_firmware::drivers::StopButton;
+use rt_firmware::frames::{LINKS, LinkDevice, Taken};
 use rt_firmware::{ActivationStart, Background, Board};
 
 use crate::plant::behind_pins::BehindPins;
@@ -47,6 +50,8 @@ pub struct Body<'p, 'q, 'm, P> {
     missions: u32,
     /// Slot and start of the last activation.
     last: Option<(usize, u64)>,
+    /// What carries the frames of links.
+    links: Vec<Box<dyn LinkDevice>>,
 }
 
 impl<'p, 'q, 'm, P> Body<'p, 'q, 'm, P> {
@@ -68,6 +73,7 @@ impl<'p, 'q, 'm, P> Body<'p, 'q, 'm, P> {
             ends,
             missions: 0,
             last: None,
+            links: Vec::new(),
         }
     }
 
@@ -78,6 +84,11 @@ impl<'p, 'q, 'm, P> Body<'p, 'q, 'm, P> {
             start_us,
             actuators: self.pins.actuators(),
         })
+    }
+
+    /// Gives links devices, in their order; without any, they lead nowhere.
+    pub fn connect(&mut self, links: Vec<Box<dyn LinkDevice>>) {
+        self.links = links;
     }
 
     /// Robot time at a time of the board's clock; 0 as long as there is none.
@@ -170,7 +181,38 @@ impl<P: BehindPins> Board for Body<'_, '_, '_, P> {
         stop_button.is_pressed(|| *now_us as u32, Self::TICKS_PER_US)
     }
 
+    fn link(&mut self, index: usize) -> Option<&mut dyn LinkDevice> {
+        while self.links.len() <= index && index < LINKS {
+            self.links.push(Box::new(OpenLine));
+        }
+        self.links
+            .get_mut(index)
+            .map(|link| &mut **link as &mut dyn LinkDevice)
+    }
+
     fn motors_off(&mut self) {
         self.pins.safe();
     }
+}
+
+/// A line with nobody at its other end: what is sent is gone, and nothing comes.
+#[derive(Clone, Copy, Debug)]
+pub struct OpenLine;
+
+impl LinkDevice for OpenLine {
+    fn send(
+        &mut self,
+        _start_us: u64,
+        _header: Header,
+        payload_bytes: usize,
+        write: &mut dyn FnMut(&mut [u8]),
+    ) -> bool {
+        let mut payload = [0; MAX_PAYLOAD_BYTES];
+        if let Some(payload) = payload.get_mut(..payload_bytes) {
+            write(payload);
+        }
+        true
+    }
+
+    fn receive(&mut self, _until_us: u64, _frames: &dyn InFrames, _take: Taken<'_>) {}
 }

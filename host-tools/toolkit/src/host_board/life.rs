@@ -2,6 +2,7 @@
 
 use esm_link::message::Mode;
 use rt_firmware::body::PinImage;
+use rt_firmware::frames::LinkDevice;
 use rt_firmware::{LinkPort, LinkSide, RealTime, Sides, StopListener};
 
 use super::body::{Body, Outputs, RecordedEnds};
@@ -57,6 +58,11 @@ impl<'p, 'q, 'm, P: BehindPins> HostLife<'p, 'q, 'm, P> {
             body: Body::new(pins, plant, background, ends),
             due_us: 0,
         }
+    }
+
+    /// Gives the links of its missions devices, in their order; without any, they lead nowhere.
+    pub fn connect(&mut self, links: Vec<Box<dyn LinkDevice>>) {
+        self.body.connect(links);
     }
 
     /// Hears stops among the bytes of the line.

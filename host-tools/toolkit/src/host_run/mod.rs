@@ -9,6 +9,7 @@ mod kept;
 mod port;
 mod run;
 mod session;
+mod wired_link;
 
 pub use kept::start_rover;
 pub use port::DirectPort;
@@ -17,3 +18,4 @@ pub use run::{
     Shown, Switches,
 };
 pub use session::RunError;
+pub use wired_link::WiredLink;

@@ -7,9 +7,11 @@ use esm_link::message::Request;
 use esm_link::trace::TraceEvent;
 use rt_firmware::Sides;
 use rt_firmware::body::{Actuators, PinImage, SONARS};
+use rt_firmware::frames::LinkDevice;
 
 use super::port::DirectPort;
 use super::session::{RunError, Session, While};
+use super::wired_link::WiredLink;
 use crate::host_board::{BOARD, HostLife, log_lines};
 use crate::plant::behind_pins::{BehindPins, PlantBehindPins, PlantFault, SonarBreak};
 use crate::plant::{BodyParameters, Plant};
@@ -40,6 +42,8 @@ pub struct RunMission {
     pub blob: Vec<u8>,
     /// The names in it.
     pub directory: Arc<Directory>,
+    /// Its links, in the order of the blob.
+    pub links: Vec<WiredLink>,
     /// Durations of its slots, in microseconds.
     durations_us: Vec<u32>,
     calls: bool,
@@ -58,6 +62,7 @@ impl RunMission {
             name: name.to_owned(),
             hash: verified.hash(),
             directory,
+            links: WiredLink::of(&tables),
             durations_us: tables.slots().map(|slot| slot.duration_us).collect(),
             calls,
             blob: verified.into_bytes(),
@@ -282,6 +287,11 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
         };
         run.session.begin((&mut run.life, &mut run.port))?;
         Ok(run)
+    }
+
+    /// Gives the links of its missions devices, in their order; without any, they lead nowhere.
+    pub fn connect(&mut self, links: Vec<Box<dyn LinkDevice>>) {
+        self.life.connect(links);
     }
 
     /// Brings the first mission to the board: robot time begins.

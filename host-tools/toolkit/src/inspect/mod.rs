@@ -27,6 +27,7 @@ use reader::{Reader, readable};
 
 use crate::superstates::superstates;
 
+pub(crate) use source::link_name;
 pub use source::{NoSource, source};
 
 /// Bytes of a transition, and of a record of its guard or actions.

@@ -92,6 +92,14 @@ impl Line {
         begins_ps
     }
 
+    /// Whether what was given before takes longer than to a time of the sender's clock, by more than
+    /// so many bytes.
+    #[must_use]
+    pub fn is_behind(&self, start_us: u64, bytes: usize) -> bool {
+        let start_ps = self.sender.plant_ps(start_us);
+        self.free_ps > start_ps.saturating_add(self.length_ps(bytes))
+    }
+
     /// When the next byte arrives, in picoseconds of plant time.
     #[must_use]
     pub fn next_ps(&self) -> Option<u64> {

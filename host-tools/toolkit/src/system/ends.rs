@@ -2,9 +2,15 @@
 //!
 //! Frames of both ends belong together by their identifiers: names are each mission's own.
 
-use super::declaration::{Link, System};
+use esm_link::frames::wire::{FRAMING_BYTES, HEADER_BYTES};
+
+use super::declaration::{Link, Medium, System};
 use crate::lang::{Code, Diagnostic};
+use crate::medium::can;
 use crate::model::{Content, Direction, Frame, Link as Declared, Model, Span};
+
+/// Microseconds in a second.
+const US_IN_S: u64 = 1_000_000;
 
 /// What the mission of a processor declares.
 #[derive(Clone, Copy, Debug)]
@@ -87,6 +93,9 @@ pub fn check(system: &System, missions: &[Mission<'_>]) -> Vec<Diagnostic> {
                 None => found.push(unknown(processor, &end.link, end.span, declared)),
             }
         }
+        for side in &sides {
+            fits(link, *side, &mut found);
+        }
         if let [first, second] = sides[..] {
             compare(link, first, second, &mut found);
         }
@@ -126,6 +135,56 @@ fn unknown(processor: &str, link: &str, place: Span, declared: &[Declared]) -> D
         [] => format!("declare one there: `link {link} rate 115200 bps;`"),
         _ => format!("it has: {}", names.join(", ")),
     })
+}
+
+/// Looks whether what a mission plans for a link is what its medium needs.
+fn fits(link: &Link, side: Side<'_>, found: &mut Vec<Diagnostic>) {
+    let (place, declared) = (link_place(link), side.link);
+    match link.medium {
+        Medium::Line => {
+            let header_bytes = HEADER_BYTES + FRAMING_BYTES;
+            let missing = header_bytes.saturating_sub(declared.header_bytes.into());
+            let bits = missing as u64 * u64::from(declared.bits);
+            let rate_bps = u64::from(declared.rate_bps.unwrap_or(1).max(1));
+            let gap_us = (bits * US_IN_S).div_ceil(rate_bps);
+            if u64::from(declared.gap_us) >= gap_us {
+                return;
+            }
+            let message = format!(
+                "a frame takes {header_bytes} bytes of a line before and behind payload and checksum, and `{}` of `{}` plans {}",
+                declared.name, side.processor, declared.header_bytes
+            );
+            let hint = format!("write `header {header_bytes} bytes` there, or `gap {gap_us} us`");
+            found.push(
+                Diagnostic::new(Code::E014, place, message)
+                    .related(side.mission.place(declared.span), "it is declared here")
+                    .hint(hint),
+            );
+        }
+        Medium::Can => {
+            let frames = side
+                .frames(Direction::Out)
+                .chain(side.frames(Direction::In));
+            for frame in frames {
+                let payload_bytes = frame.payload_bytes.unwrap_or(0);
+                if usize::from(payload_bytes) <= can::MAX_DATA_BYTES {
+                    continue;
+                }
+                let message = format!(
+                    "a frame of CAN carries at most {} bytes, and `{}` of `{}` has {payload_bytes}",
+                    can::MAX_DATA_BYTES,
+                    frame.name,
+                    side.processor
+                );
+                found.push(
+                    Diagnostic::new(Code::E014, place, message)
+                        .related(side.mission.place(frame.span), "it is declared here")
+                        .hint("let the link go `over line`, or send less"),
+                );
+            }
+        }
+        Medium::Memory => {}
+    }
 }
 
 fn compare(link: &Link, first: Side<'_>, second: Side<'_>, found: &mut Vec<Diagnostic>) {
@@ -241,22 +300,58 @@ mod tests {
     const FILE: &str = "processor base mission \"base.esm\";\n\
         processor head mission \"head.esm\";\n\
         link base.radio to head.line;";
-    const BASE: &str = "link radio rate 115200 bps;\n\
+    const BASE: &str = "link radio rate 115200 bps header 6 bytes;\n\
         frame pose 7 out on radio: Pose payload 12 bytes period 100 ms;\n\
         frame alarm 8 in on radio flags lost, low payload 1 bytes rate 20 Hz;\n";
     // Names are each end's own.
-    const HEAD: &str = "link line rate 115200 bps;\n\
+    const HEAD: &str = "link line rate 115200 bps header 6 bytes;\n\
         frame spot 7 in on line: Pose payload 12 bytes period 100 ms;\n\
         frame trouble 8 out on line flags gone, flat payload 1 bytes period 50 ms;\n";
 
     fn found(base: &str, head: &str) -> Vec<Diagnostic> {
+        found_over("", base, head)
+    }
+
+    fn found_over(medium: &str, base: &str, head: &str) -> Vec<Diagnostic> {
         let (base, head) = (load_text("base.esm", base), load_text("head.esm", head));
         let mission = |model, first_file| Mission { model, first_file };
         let missions = [
             mission(base.model.as_ref(), 1),
             mission(head.model.as_ref(), 2),
         ];
-        check(&read(FILE).0.unwrap(), &missions)
+        let file = FILE.replace("head.line", &format!("head.line {medium}"));
+        check(&read(&file).0.unwrap(), &missions)
+    }
+
+    #[test]
+    fn a_medium_has_its_needs() {
+        let without = |text: &str, words: &str| text.replace(" header 6 bytes", words);
+        let short = found(&without(BASE, ""), &without(HEAD, ""));
+        let messages: Vec<&str> = short.iter().map(|it| it.message.as_str()).collect();
+        assert_eq!(
+            messages,
+            [
+                "a frame takes 6 bytes of a line before and behind payload and checksum, and `radio` of `base` plans 4",
+                "a frame takes 6 bytes of a line before and behind payload and checksum, and `line` of `head` plans 4",
+            ]
+        );
+        assert!(short.iter().all(|it| it.code == Code::E014));
+        let hint = short[0].hint.as_deref();
+        assert_eq!(hint, Some("write `header 6 bytes` there, or `gap 174 us`"));
+        // A gap that is long enough does as well; memory needs nothing, and CAN has its own limit.
+        let gap = " gap 174 us";
+        assert_eq!(found(&without(BASE, gap), &without(HEAD, gap)), []);
+        let memory = found_over("over memory", &without(BASE, ""), &without(HEAD, ""));
+        assert_eq!(memory, []);
+        let long = found_over("over can", BASE, HEAD);
+        let messages: Vec<&str> = long.iter().map(|it| it.message.as_str()).collect();
+        assert_eq!(
+            messages,
+            [
+                "a frame of CAN carries at most 8 bytes, and `pose` of `base` has 12",
+                "a frame of CAN carries at most 8 bytes, and `spot` of `head` has 12",
+            ]
+        );
     }
 
     #[test]
@@ -276,13 +371,13 @@ mod tests {
             ),
             (
                 BASE.to_owned(),
-                HEAD.replace("bps;", "bps bits 11;"),
+                HEAD.replace("bps", "bps bits 11"),
                 "the ends of this link have another length of a byte each: 10 bits at `base`",
             ),
             (
                 BASE.to_owned(),
-                HEAD.replace("bps;", "bps header 6 bytes;"),
-                "the ends of this link have another header each: 4 bytes at `base`, 6 bytes at `head`",
+                HEAD.replace("6 bytes", "8 bytes"),
+                "the ends of this link have another header each: 6 bytes at `base`, 8 bytes at `head`",
             ),
             (
                 BASE.replace("12 bytes", "8 bytes"),
@@ -327,7 +422,10 @@ mod tests {
             let lines = text.lines().filter(|line| !line.contains(frame));
             lines.map(|line| format!("{line}\n")).collect()
         };
-        let open = found(BASE, &format!("{HEAD}link spare rate 9600 bps;"));
+        let open = found(
+            BASE,
+            &format!("{HEAD}link spare rate 9600 bps header 6 bytes;"),
+        );
         let cases = [
             (open, "link `spare` of `head` leads nowhere"),
             (

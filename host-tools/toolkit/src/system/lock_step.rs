@@ -4,6 +4,7 @@ use rt_firmware::Sides;
 use rt_firmware::body::PinImage;
 
 use super::shared_plant::ProcessorPins;
+use super::wiring::Devices;
 use crate::host_run::{Ended, Given, HostRun, Planned, RunError, RunMission, Switches};
 use crate::medium::PS_IN_US;
 use crate::medium::clock::Clock;
@@ -40,7 +41,7 @@ pub trait InStep {
 }
 
 impl<'p, 'q, 'm> RunningProcessor<'p, 'q, 'm> {
-    /// Switches a processor on, with `behind` behind its pins. Its mission starts with its first
+    /// Switches a processor on, with `behind` behind its pins and these devices for its links. Its mission starts with its first
     /// step. The run ends at a plant time in microseconds.
     ///
     /// # Errors
@@ -50,6 +51,7 @@ impl<'p, 'q, 'm> RunningProcessor<'p, 'q, 'm> {
         pins: &'p PinImage,
         behind: ProcessorPins,
         member: Member,
+        links: Devices,
         (seed, until_us): (u64, u64),
     ) -> Result<Self, RunError> {
         let Member { mission, clock } = member;
@@ -63,8 +65,10 @@ impl<'p, 'q, 'm> RunningProcessor<'p, 'q, 'm> {
             mission,
             warm: false,
         };
+        let mut run = HostRun::switch_on(sides, pins, behind, switches, vec![planned])?;
+        run.connect(links);
         Ok(RunningProcessor {
-            run: HostRun::switch_on(sides, pins, behind, switches, vec![planned])?,
+            run,
             clock,
             has_begun: false,
         })

@@ -22,3 +22,4 @@ pub mod merged_trace;
 pub mod read;
 pub mod shared_plant;
 mod token;
+pub mod wiring;

@@ -4,6 +4,8 @@
 //! *Invariant:* what was [prepared](Execution::prepare_first) is executed next, or forgotten.
 
 pub(super) mod background_runs;
+#[cfg(feature = "links")]
+pub(super) mod links;
 
 use esm_core::{Observer, StateMapping, TransitionTaken};
 use heapless::spsc::{Consumer, Producer};
@@ -15,6 +17,8 @@ use super::slots::SlotEntry;
 use super::tasks::{self, Lists, NO_GROUP, NONE, TaskActivity, TaskEntry, TaskTable};
 use crate::board::{Board, ticks_between};
 use crate::features::NOTES;
+#[cfg(feature = "links")]
+use crate::frames::{FrameLists, NO_DISPATCHER};
 use crate::list_command::CommandBox;
 use crate::notes::MAX_NOTES;
 use crate::ports::{BackgroundRun, Executor, Registry, StepOutput};
@@ -48,6 +52,9 @@ pub(crate) struct Execution<'q, 'm> {
     duration_us: u32,
     /// Tasks were executed, after which a background run may begin or the robot may have to stop.
     has_executed: bool,
+    /// What was prepared is a dispatcher of a link, and not a task of the registry.
+    #[cfg(feature = "links")]
+    dispatcher_is_prepared: bool,
 }
 
 /// What executions have to do with: the mission that they belong to, and who is told of them.
@@ -78,6 +85,8 @@ impl<'q, 'm> Execution<'q, 'm> {
             first: NONE,
             duration_us: 0,
             has_executed: false,
+            #[cfg(feature = "links")]
+            dispatcher_is_prepared: false,
         }
     }
 
@@ -196,6 +205,13 @@ impl<'q, 'm> Execution<'q, 'm> {
         self.tasks.begin(lists)
     }
 
+    /// The links of the mission begin. Those that it has as the mission `before` go on, where it
+    /// follows one warm; its slots count from `origin_us` on.
+    #[cfg(feature = "links")]
+    pub(super) fn begin_links(&mut self, before: Option<&FrameLists<'_>>, origin_us: u64) {
+        self.tasks.lists.frames.begin(before, origin_us);
+    }
+
     /// Values and tasks of a mission begin, where those of the one before are left: from here to
     /// [`end_migration`](Self::end_migration) they can be [taken over](Self::take_over).
     pub(super) fn begin_migration(&mut self) {
@@ -237,11 +253,19 @@ impl<'q, 'm> Execution<'q, 'm> {
     pub(super) fn forget(&mut self) {
         self.executor.forget();
         self.has_executed = false;
+        #[cfg(feature = "links")]
+        {
+            self.dispatcher_is_prepared = false;
+        }
     }
 
     /// Whether a task was prepared that was not executed yet.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn is_prepared(&self) -> bool {
+        #[cfg(feature = "links")]
+        if self.dispatcher_is_prepared {
+            return true;
+        }
         self.executor.is_prepared()
     }
 
@@ -266,6 +290,14 @@ impl<'q, 'm> Execution<'q, 'm> {
         let mut began_count = began_count;
         let mut instance = self.first;
         loop {
+            #[cfg(feature = "links")]
+            let step = if core::mem::take(&mut self.dispatcher_is_prepared) {
+                links::run(self, board, machine, instance);
+                Some(Step::Run)
+            } else {
+                self.run_task(instance)
+            };
+            #[cfg(not(feature = "links"))]
             let step = self.run_task(instance);
             let now_count = board.count();
             let took_ticks = ticks_between::<B>(began_count, now_count);
@@ -323,6 +355,14 @@ impl<'q, 'm> Execution<'q, 'm> {
         ) else {
             return false;
         };
+        #[cfg(feature = "links")]
+        {
+            self.dispatcher_is_prepared = record.dispatcher != NO_DISPATCHER;
+            if self.dispatcher_is_prepared {
+                self.executor.forget();
+                return true;
+            }
+        }
         if record.group != NO_GROUP
             && TaskTable::is_held_from(self.tasks.groups, record.group, instance)
         {
@@ -366,6 +406,10 @@ impl<'q, 'm> Execution<'q, 'm> {
             show_busy(mission, record, false);
         }
         record.activity = TaskActivity::UnderWay;
+        #[cfg(feature = "links")]
+        if record.dispatcher != NO_DISPATCHER {
+            return next;
+        }
         if let Some(said) = self.executor.end_step(&record.binding) {
             mission.apply_flags(&record.places, said.flags);
             self.take_in(instance, said);
@@ -453,6 +497,8 @@ impl Observer for StepObserver<'_, '_, '_> {
 
     fn enabled(&mut self, task_instance: u16) {
         self.execution.tasks.enable(task_instance);
+        #[cfg(feature = "links")]
+        links::enter(self.execution, task_instance, self.robot_us);
     }
 
     fn disabled(&mut self, task_instance: u16) {

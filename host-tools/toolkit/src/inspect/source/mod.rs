@@ -24,6 +24,8 @@ use esm_core::Verified;
 use esm_core::format::WINDOW_FLAGS;
 use esm_core::tables::{self, Code, State, StateKind};
 
+pub(crate) use links::name as link_name;
+
 use super::flags::Flag;
 use super::guard::Written;
 use super::names::Names;

@@ -1,0 +1,153 @@
+//! Whether a firmware can serve the links of a mission.
+
+use esm_core::frames::{self, frames_of};
+use esm_core::layout::Frame;
+use esm_core::signature::{Direction, Port, Signature, fnv1a};
+use esm_core::tables::Tables;
+
+use super::{FRAMES, LINKS, VALUE_BYTES};
+use crate::declaration::ValueKind;
+use crate::ports::Registry;
+use esm_link::message::{Capacity, LinkError};
+
+/// Whether a task of a mission is a dispatcher: of which link, and whether it receives.
+pub(crate) fn dispatcher_of(tables: &Tables<'_>, task: usize) -> Option<(usize, bool)> {
+    for (index, link) in tables.links().iter().enumerate() {
+        for (dispatcher, is_received) in [(link.transmit, false), (link.receive, true)] {
+            if dispatcher.index() == Some(task) {
+                return Some((index, is_received));
+            }
+        }
+    }
+    None
+}
+
+/// The type of this name that a task of the robot has.
+pub(crate) fn kind_of(registry: Registry<'_>, type_name: &[u8]) -> Option<ValueKind> {
+    let mut ports = registry.declarations().flat_map(|declared| declared.ports);
+    let port = ports.find(|port| port.type_name().as_bytes() == type_name)?;
+    Some(port.kind)
+}
+
+/// Types of the data ports of a dispatcher, in order.
+pub(crate) fn port_types<'t>(signature: Signature<'t>) -> impl Iterator<Item = &'t [u8]> + use<'t> {
+    signature.ports().filter_map(|port| match port {
+        Port::Data { type_name, .. } => Some(type_name),
+        _ => None,
+    })
+}
+
+/// Checks the links of a verified blob: their table, that there is room for them, and that each
+/// value fits its payload.
+///
+/// # Errors
+/// What cannot be served.
+// Not inlined: what it needs of the stack is not needed with anything else.
+#[inline(never)]
+pub fn check(tables: &Tables<'_>, registry: Registry<'_>) -> Result<(), LinkError> {
+    if tables.links().is_empty() && tables.frames().is_empty() {
+        return Ok(());
+    }
+    for (what, needed, available) in [
+        (Capacity::Links, tables.links().len(), LINKS),
+        (Capacity::Frames, tables.frames().len(), FRAMES),
+    ] {
+        if needed > available {
+            return Err(LinkError::CapacityExceeded {
+                what,
+                needed: needed as u32,
+                available: available as u32,
+            });
+        }
+    }
+    frames::check(tables).map_err(LinkError::Invalid)?;
+    for (task, declared) in tables.tasks().enumerate() {
+        let Some((link, is_received)) = dispatcher_of(tables, task) else {
+            continue;
+        };
+        let differs = LinkError::SignatureDiffers { task: task as u16 };
+        let frames = frames_of(tables, link, is_received);
+        let carried: usize = frames.clone().map(|frame| frame.flags.get()).sum();
+        // The hash and the counts are what the text says, and so are directions.
+        let is_right = declared.signature.counts() == Some(declared.ports)
+            && declared.signature.hash() == declared.signature_hash
+            && has_directions(declared.signature, is_received, carried);
+        if !is_right {
+            return Err(differs);
+        }
+        check_nets(tables, task, declared.signature)?;
+        let values = frames.filter(|frame| frame.flags.get() == 0);
+        for (frame, type_name) in values.zip(port_types(declared.signature)) {
+            check_value(registry, frame, type_name).map_err(|needed| {
+                LinkError::PayloadDiffers {
+                    frame: place_of(tables, frame),
+                    needed,
+                }
+            })?;
+        }
+    }
+    Ok(())
+}
+
+fn place_of(tables: &Tables<'_>, frame: &Frame) -> u16 {
+    let mut frames = tables.frames().iter();
+    let place = frames.position(|other| core::ptr::eq(other, frame));
+    place.unwrap_or(0) as u16
+}
+
+/// Whether ports and flags have the directions of a dispatcher, of which so many flags are carried.
+fn has_directions(signature: Signature<'_>, is_received: bool, carried: usize) -> bool {
+    let into = match is_received {
+        true => Direction::Out,
+        false => Direction::In,
+    };
+    let mut flags = 0;
+    signature.ports().all(|port| match port {
+        Port::Data {
+            direction,
+            optional,
+            within_us,
+            ..
+        } => direction == into && optional != is_received && within_us == 0,
+        Port::Flag { direction, .. } => {
+            flags += 1;
+            let is_carried = flags <= carried;
+            direction == if is_carried { into } else { Direction::Out }
+        }
+        Port::Param { .. } => false,
+    })
+}
+
+fn check_nets(tables: &Tables<'_>, task: usize, signature: Signature<'_>) -> Result<(), LinkError> {
+    for (port, type_name) in port_types(signature).enumerate() {
+        let type_hash = fnv1a(type_name);
+        let fits = (0..tables.task_instance_count()).all(|instance| {
+            let is_of = tables
+                .task_state_of(instance)
+                .is_some_and(|state| state.task == task);
+            let net = tables
+                .task_instance(instance)
+                .and_then(|instance| tables.connection(instance.first_connection + port))
+                .flatten()
+                .and_then(|net| tables.net(net));
+            !is_of || net.is_none_or(|net| net.type_hash == type_hash)
+        });
+        if !fits {
+            return Err(LinkError::NetTypeDiffers {
+                task: task as u16,
+                port: port as u16,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Whether a value fits the payload of its frame; else how long it is, 0 where nobody knows it.
+fn check_value(registry: Registry<'_>, frame: &Frame, type_name: &[u8]) -> Result<(), u16> {
+    let codec = kind_of(registry, type_name).ok_or(0_u16)?.codec();
+    let fits = codec.buffer_bytes <= VALUE_BYTES && codec.buffer_align <= align_of::<u64>();
+    match codec.payload_bytes {
+        bytes if bytes == frame.payload.get() && fits => Ok(()),
+        bytes => Err(bytes as u16),
+    }
+}

@@ -1,0 +1,25 @@
+//! What carries the frames of a link: a UART, CAN, memory that two processors share.
+
+use esm_link::frames::receiver::{Arrived, InFrames, ReceiveError};
+use esm_link::frames::wire::Header;
+
+/// Takes what arrived, and when.
+pub type Taken<'t> = &'t mut dyn FnMut(Result<Arrived<'_>, ReceiveError>, u64);
+
+/// A medium, as the dispatchers of one link reach it. Times are on the robot's clock, in
+/// microseconds since the first macro step of the first mission.
+pub trait LinkDevice {
+    /// Gives `write` the place of a payload of so many bytes, in the buffer from which the frame is
+    /// sent at `start_us`. False, and nothing is written, if there is no room.
+    fn send(
+        &mut self,
+        start_us: u64,
+        header: Header,
+        payload_bytes: usize,
+        write: &mut dyn FnMut(&mut [u8]),
+    ) -> bool;
+
+    /// Gives `take` all that had arrived whole at `until_us`, in order, with the time of its last
+    /// bit. Nothing is given twice.
+    fn receive(&mut self, until_us: u64, frames: &dyn InFrames, take: Taken<'_>);
+}

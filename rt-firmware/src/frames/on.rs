@@ -1,0 +1,351 @@
+//! A firmware with links: its two dispatchers.
+
+use core::ops::Range;
+
+use esm_core::tables::Tables;
+use esm_link::frames::wire::Header;
+
+use super::check::dispatcher_of;
+use super::table::{self, FrameEntry, FrameState, LinkEntry, Received};
+use super::{FRAMES, LINKS, LinkDevice, NO_DISPATCHER, ReceivedValue, VALUES};
+use crate::features::MISSIONS;
+use crate::ports::{Executor, Registry};
+
+/// Memory for the links of each mission that is there, and for the values that they receive.
+pub(crate) struct FrameMemory {
+    frames: [[FrameEntry; FRAMES]; MISSIONS],
+    values: [ReceivedValue; VALUES],
+}
+
+impl FrameMemory {
+    pub(crate) const fn new() -> Self {
+        FrameMemory {
+            frames: [const { [const { FrameEntry::EMPTY }; FRAMES] }; MISSIONS],
+            values: [const { ReceivedValue::EMPTY }; VALUES],
+        }
+    }
+
+    /// The lists of each mission, and the values.
+    pub(crate) fn split(&mut self) -> (impl Iterator<Item = FrameLists<'_>>, &mut [ReceivedValue]) {
+        let lists = self.frames.iter_mut().map(|frames| FrameLists {
+            frames,
+            ..FrameLists::default()
+        });
+        (lists, &mut self.values)
+    }
+}
+
+/// The flags of the task instances of a mission.
+pub(crate) trait Flags {
+    /// Whether a control flag of a task instance is set.
+    fn flag(&self, instance: u16, flag: u16) -> bool;
+    /// Sets or clears one.
+    fn set_flag(&mut self, instance: u16, flag: u16, value: bool);
+    /// The net of a data port.
+    fn net(&self, instance: u16, port: u8) -> Option<usize>;
+}
+
+/// An activation of a dispatcher.
+#[derive(Clone, Copy)]
+pub(crate) struct Activation {
+    /// The task instance.
+    pub(crate) instance: u16,
+    /// Whether its state was entered since the one before.
+    pub(crate) is_fresh: bool,
+    /// Nominal start on the robot's clock.
+    pub(crate) robot_us: u64,
+    /// Period and duration of its slot.
+    pub(crate) period_us: u32,
+    pub(crate) duration_us: u32,
+}
+
+/// What is kept for the links of a mission.
+#[derive(Default)]
+pub(crate) struct FrameLists<'m> {
+    links: [LinkEntry; LINKS],
+    frames: &'m mut [FrameEntry],
+    count: usize,
+    /// Where the time of the mission's slots begins, on the robot's clock.
+    origin_us: u64,
+}
+
+impl FrameLists<'_> {
+    /// Finds what is to be kept for the links of a mission that was [checked](super::check()).
+    pub(crate) fn prepare(&mut self, tables: &Tables<'_>, registry: Registry<'_>) {
+        self.count = table::prepare(tables, registry, &mut self.links, self.frames);
+    }
+
+    /// The dispatcher that a task of the mission is, or [`NO_DISPATCHER`].
+    pub(crate) fn dispatcher(&self, tables: &Tables<'_>, task: usize) -> u8 {
+        match dispatcher_of(tables, task) {
+            Some((link, is_received)) => 2 * link as u8 + u8::from(is_received),
+            None => NO_DISPATCHER,
+        }
+    }
+
+    /// The mission starts: all dispatchers begin anew.
+    pub(crate) fn begin_anew(&mut self) {
+        for frame in self.frames.iter_mut().take(self.count) {
+            frame.state.set(FrameState::NEW);
+        }
+        for link in &mut self.links {
+            (link.has_errors, link.has_news) = (false, false);
+        }
+    }
+
+    /// The mission takes over from another with these lists, and its slots count from this time on.
+    /// Links that are declared in the same way go on.
+    pub(crate) fn begin(&mut self, before: Option<&FrameLists<'_>>, origin_us: u64) {
+        self.begin_anew();
+        self.origin_us = origin_us;
+        let Some(before) = before else { return };
+        for (link, other) in self.links.iter().zip(&before.links) {
+            let (own, others) = (frames(self.frames, link), frames(before.frames, other));
+            let is_same = link.times == other.times
+                && own.len() == others.len()
+                && own
+                    .iter()
+                    .zip(others)
+                    .all(|(own, other)| own.is_same(other));
+            if is_same {
+                for (own, other) in own.iter().zip(others) {
+                    own.state.set(other.state.get());
+                }
+            }
+        }
+    }
+
+    /// The device that serves a dispatcher.
+    pub(crate) fn device_of(dispatcher: u8) -> usize {
+        usize::from(dispatcher / 2)
+    }
+
+    /// The state of a dispatcher was entered in a macro step at this time.
+    pub(crate) fn enter(&mut self, dispatcher: u8, robot_us: u64) {
+        if let Some(link) = self.links.get_mut(Self::device_of(dispatcher)) {
+            link.entered_us = robot_us;
+        }
+    }
+
+    /// Executes a dispatcher once.
+    pub(crate) fn run(
+        &mut self,
+        dispatcher: u8,
+        at: &Activation,
+        device: Option<&mut (dyn LinkDevice + '_)>,
+        executor: &mut Executor<'_>,
+        flags: &mut impl Flags,
+    ) {
+        let origin_us = self.origin_us;
+        let Some(link) = self.links.get_mut(Self::device_of(dispatcher)) else {
+            return;
+        };
+        if dispatcher % 2 == 0 {
+            let sent = slice(self.frames, link.sent);
+            transmit(sent, origin_us, at, device, executor, flags);
+        } else {
+            let received = slice(self.frames, link.received);
+            receive(link, received, at, device, executor, flags);
+        }
+    }
+
+    /// A macro step has seen all flags that are true for one: they are cleared.
+    pub(crate) fn clear_seen(&mut self, flags: &mut impl Flags) {
+        for link in self.links.iter_mut().filter(|link| link.has_news) {
+            link.has_news = false;
+            if core::mem::take(&mut link.has_errors) {
+                flags.set_flag(link.receiver, link.errors, false);
+            }
+            for frame in slice(self.frames, link.received) {
+                let mut state = frame.state.get();
+                if core::mem::take(&mut state.is_available) {
+                    flags.set_flag(link.receiver, frame.by_itself, false);
+                    frame.state.set(state);
+                }
+            }
+        }
+    }
+}
+
+fn slice(frames: &[FrameEntry], range: (u16, u16)) -> &[FrameEntry] {
+    let range: Range<usize> = range.0.into()..range.1.into();
+    frames.get(range).unwrap_or_default()
+}
+
+/// All frames of a link.
+fn frames<'a>(frames: &'a [FrameEntry], link: &LinkEntry) -> &'a [FrameEntry] {
+    slice(frames, (link.sent.0, link.received.1.max(link.sent.1)))
+}
+
+/// Hands over the frames whose starts come between the nominal end of this activation and that of
+/// the next: this is the last one that ends by their starts.
+fn transmit(
+    sent: &[FrameEntry],
+    origin_us: u64,
+    at: &Activation,
+    mut device: Option<&mut (dyn LinkDevice + '_)>,
+    executor: &mut Executor<'_>,
+    flags: &mut impl Flags,
+) {
+    let end_us = at.robot_us + u64::from(at.duration_us);
+    let until_us = end_us + u64::from(at.period_us.max(1));
+    for frame in sent {
+        let (Some(record), Some(configuration)) = (frame.record, frame.configuration) else {
+            continue;
+        };
+        let mut state = frame.state.get();
+        let period_us = u64::from(record.period_us.get().max(1));
+        let first_us = origin_us + u64::from(record.start_us.get());
+        // As a rule the activation before has left off here.
+        if at.is_fresh || state.at_us < end_us || state.at_us >= end_us + period_us {
+            let number = end_us.saturating_sub(first_us).div_ceil(period_us);
+            state.at_us = first_us + number * period_us;
+            state.number = number as u8;
+        }
+        let net = flags.net(at.instance, frame.port);
+        let has_payload = record.flags.get() > 0 || net.is_some_and(|net| executor.has_value(net));
+        while state.at_us < until_us {
+            let header = Header {
+                identifier: record.identifier(),
+                number: state.number,
+                configuration,
+            };
+            let mut write = |payload: &mut [u8]| match record.flags.get() {
+                0 => {
+                    if let Some(net) = net {
+                        executor.put_value(net, payload);
+                    }
+                }
+                count => put_flags(flags, at.instance, frame.carried, count as u16, payload),
+            };
+            let is_sent = match &mut device {
+                Some(device) if has_payload => {
+                    device.send(state.at_us, header, record.payload.get(), &mut write)
+                }
+                _ => false,
+            };
+            // Nobody sends what has no value, and nothing is wrong with that.
+            let is_full = has_payload && !is_sent;
+            if is_full != state.is_full && has_payload {
+                state.is_full = is_full;
+                flags.set_flag(at.instance, frame.by_itself, is_full);
+            }
+            if !is_sent {
+                // Those behind it find no room, either, or have no value.
+                let left = (until_us - state.at_us).div_ceil(period_us);
+                state.at_us += left * period_us;
+                state.number = state.number.wrapping_add(left as u8);
+                break;
+            }
+            state.at_us += period_us;
+            state.number = state.number.wrapping_add(1);
+        }
+        frame.state.set(state);
+    }
+}
+
+/// Writes flags into a payload, the first in the lowest bit of the first byte.
+fn put_flags(flags: &impl Flags, instance: u16, first: u16, count: u16, payload: &mut [u8]) {
+    payload.fill(0);
+    for flag in 0..count {
+        if flags.flag(instance, first + flag)
+            && let Some(byte) = payload.get_mut(usize::from(flag / 8))
+        {
+            *byte |= 1 << (flag % 8);
+        }
+    }
+}
+
+/// Takes what has arrived by the nominal start of this activation.
+fn receive(
+    link: &mut LinkEntry,
+    received: &[FrameEntry],
+    at: &Activation,
+    device: Option<&mut (dyn LinkDevice + '_)>,
+    executor: &mut Executor<'_>,
+    flags: &mut impl Flags,
+) {
+    link.receiver = at.instance;
+    if at.is_fresh {
+        // Entering has cleared all flags.
+        (link.has_errors, link.has_news) = (false, false);
+        for frame in received {
+            let occurrences = frame.state.get().occurrences;
+            frame.state.set(FrameState {
+                at_us: link.entered_us,
+                occurrences,
+                ..FrameState::NEW
+            });
+        }
+    }
+    if let Some(device) = device {
+        let entered_us = link.entered_us;
+        device.receive(
+            at.robot_us,
+            &Received(received),
+            &mut |arrived, arrived_us| {
+                if arrived_us <= entered_us {
+                    // No state was there to receive it.
+                    return;
+                }
+                let Ok(arrived) = arrived else {
+                    link.has_errors = true;
+                    return;
+                };
+                let Some(frame) = received.get(arrived.index) else {
+                    return;
+                };
+                let mut state = frame.state.get();
+                let is_delayed = state.is_delayed || is_late(frame, &state, at.robot_us);
+                if !state.occurrences.take(arrived.number, is_delayed) {
+                    return frame.state.set(state);
+                }
+                state.has_come = true;
+                frame.state.set(state);
+                let count = frame.record.map_or(0, |record| record.flags.get());
+                if count > 0 {
+                    for flag in 0..count as u16 {
+                        let byte = arrived
+                            .payload
+                            .get(usize::from(flag / 8))
+                            .copied()
+                            .unwrap_or(0);
+                        let is_set = byte >> (flag % 8) & 1 != 0;
+                        flags.set_flag(at.instance, frame.carried + flag, is_set);
+                    }
+                } else if let (Some(net), Some(kind)) =
+                    (flags.net(at.instance, frame.port), frame.kind)
+                {
+                    executor.take_value(net, kind, arrived.payload, at.robot_us);
+                }
+            },
+        );
+    }
+    if link.has_errors {
+        link.has_news = true;
+        flags.set_flag(at.instance, link.errors, true);
+    }
+    for frame in received {
+        let mut state = frame.state.get();
+        let is_delayed = if core::mem::take(&mut state.has_come) {
+            state.at_us = at.robot_us;
+            state.is_available = true;
+            link.has_news = true;
+            flags.set_flag(at.instance, frame.by_itself, true);
+            false
+        } else {
+            state.is_delayed || is_late(frame, &state, at.robot_us)
+        };
+        if is_delayed != state.is_delayed {
+            state.is_delayed = is_delayed;
+            flags.set_flag(at.instance, frame.by_itself + 1, is_delayed);
+        }
+        frame.state.set(state);
+    }
+}
+
+/// Whether none came for longer than may be.
+fn is_late(frame: &FrameEntry, state: &FrameState, robot_us: u64) -> bool {
+    let late_us = frame.record.map_or(0, |record| record.late_us());
+    robot_us.saturating_sub(state.at_us) > late_us
+}

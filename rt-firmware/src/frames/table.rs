@@ -1,0 +1,190 @@
+//! What is kept for each frame of a mission: found once, when the mission is staged, and what is
+//! known of its last occurrences.
+
+use core::cell::Cell;
+
+use esm_core::frames::frames_of;
+use esm_core::layout::Frame;
+use esm_core::tables::Tables;
+use esm_link::frames::configuration::Configuration;
+use esm_link::frames::occurrences::Occurrences;
+use esm_link::frames::receiver::{InFrame, InFrames};
+use zerocopy::IntoBytes;
+
+use super::LINKS;
+use super::check::{kind_of, port_types};
+use crate::declaration::ValueKind;
+use crate::ports::Registry;
+
+/// A frame.
+#[derive(Clone)]
+pub(crate) struct FrameEntry {
+    /// What the blob says of it.
+    pub(super) record: Option<Frame>,
+    pub(super) configuration: Option<Configuration>,
+    /// What a received payload is read as.
+    pub(super) kind: Option<ValueKind>,
+    /// Its data port among those of its dispatcher.
+    pub(super) port: u8,
+    /// The first of the flags that it carries, and of those that come by themselves.
+    pub(super) carried: u16,
+    pub(super) by_itself: u16,
+    pub(super) state: Cell<FrameState>,
+}
+
+/// What is known of the last occurrences of a frame.
+#[derive(Clone, Copy)]
+pub(crate) struct FrameState {
+    /// Of a frame that is sent: start of the next occurrence. Of one that is received: the
+    /// activation at which the last one came, or when the state was entered.
+    pub(super) at_us: u64,
+    /// Number of the next occurrence that is sent.
+    pub(super) number: u8,
+    /// What is received.
+    pub(super) occurrences: Occurrences,
+    /// One has come in the activation that is under way.
+    pub(super) has_come: bool,
+    /// Which of the flags that come by themselves are set.
+    pub(super) is_full: bool,
+    pub(super) is_available: bool,
+    pub(super) is_delayed: bool,
+}
+
+impl FrameEntry {
+    pub(crate) const EMPTY: Self = FrameEntry {
+        record: None,
+        configuration: None,
+        kind: None,
+        port: 0,
+        carried: 0,
+        by_itself: 0,
+        state: Cell::new(FrameState::NEW),
+    };
+
+    /// Whether another entry is of the same frame, declared in the same way.
+    pub(super) fn is_same(&self, other: &FrameEntry) -> bool {
+        match (&self.record, &other.record) {
+            (Some(record), Some(other)) => record.as_bytes() == other.as_bytes(),
+            _ => false,
+        }
+    }
+}
+
+impl FrameState {
+    pub(super) const NEW: Self = FrameState {
+        at_us: 0,
+        number: 0,
+        occurrences: Occurrences::new(),
+        has_come: false,
+        is_full: false,
+        is_available: false,
+        is_delayed: false,
+    };
+}
+
+/// A link.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct LinkEntry {
+    /// Its tasks, where the mission uses them.
+    pub(super) transmit: Option<u16>,
+    pub(super) receive: Option<u16>,
+    /// What it sends, and what it receives, among the frames.
+    pub(super) sent: (u16, u16),
+    pub(super) received: (u16, u16),
+    /// Its declaration, to be compared.
+    pub(super) times: (u32, u32, u16),
+    /// When its state that receives was entered.
+    pub(super) entered_us: u64,
+    /// The task instance that receives, which `available` and `errors` are flags of.
+    pub(super) receiver: u16,
+    /// The flag `errors`, and whether it is set.
+    pub(super) errors: u16,
+    pub(super) has_errors: bool,
+    /// A flag is set that is true for one macro step.
+    pub(super) has_news: bool,
+}
+
+/// Finds what is to be kept for the links of a mission that was checked. Answers how many frames
+/// there are.
+pub(super) fn prepare(
+    tables: &Tables<'_>,
+    registry: Registry<'_>,
+    links: &mut [LinkEntry; LINKS],
+    frames: &mut [FrameEntry],
+) -> usize {
+    *links = [LinkEntry::default(); LINKS];
+    let mut count = 0;
+    for ((index, record), entry) in tables.links().iter().enumerate().zip(links) {
+        entry.transmit = record.transmit.index().map(|task| task as u16);
+        entry.receive = record.receive.index().map(|task| task as u16);
+        entry.times = (
+            record.rate_bps.get(),
+            record.gap_us.get(),
+            record.header_and_bits.get(),
+        );
+        for is_received in [false, true] {
+            let first = count;
+            let of_it = frames_of(tables, index, is_received);
+            let carried: usize = of_it.clone().map(|frame| frame.flags.get()).sum();
+            let task = match is_received {
+                true => record.receive,
+                false => record.transmit,
+            };
+            let task = task.index().and_then(|task| tables.task(task));
+            let mut types = task.into_iter().flat_map(|task| port_types(task.signature));
+            let (mut port, mut next_carried, mut by_itself) = (0, 0, carried);
+            for frame in of_it {
+                let Some(place) = frames.get_mut(count) else {
+                    break;
+                };
+                *place = FrameEntry {
+                    record: Some(*frame),
+                    configuration: Some(Configuration::from_hash(frame.configuration.get())),
+                    port,
+                    carried: next_carried,
+                    by_itself: by_itself as u16,
+                    ..FrameEntry::EMPTY
+                };
+                if frame.flags.get() == 0 {
+                    let type_name = types.next();
+                    place.kind = type_name.and_then(|name| kind_of(registry, name));
+                    port += 1;
+                }
+                next_carried += frame.flags.get() as u16;
+                by_itself += frame.flags_by_itself();
+                count += 1;
+            }
+            let range = (first as u16, count as u16);
+            match is_received {
+                true => {
+                    entry.received = range;
+                    entry.errors = by_itself as u16;
+                }
+                false => entry.sent = range,
+            }
+        }
+    }
+    count
+}
+
+/// Frames that are received over a link.
+pub(super) struct Received<'a>(pub(super) &'a [FrameEntry]);
+
+impl InFrames for Received<'_> {
+    fn find(&self, identifier: u16) -> Option<(usize, InFrame)> {
+        let of = |entry: &FrameEntry| entry.record.map(|frame| frame.identifier());
+        let index = self
+            .0
+            .iter()
+            .position(|entry| of(entry) == Some(identifier))?;
+        let entry = self.0.get(index)?;
+        Some((
+            index,
+            InFrame {
+                identifier,
+                payload_bytes: entry.record?.payload.get() as u8,
+                configuration: entry.configuration?,
+            },
+        ))
+    }
+}
