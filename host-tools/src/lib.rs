@@ -10,12 +10,12 @@ pub mod cli;
 
 pub use esm_client::{
     bench, black_box, files, flashing, host_board, keys, link_client, lockstep, nearby, ports,
-    qemu, reading, run, serial, time, trial, values,
+    qemu, reading, run, serial, system_run, time, trial, values,
 };
 pub use esm_toolkit::{
     behaviour_words, boards, bound, clean, compile, counters, diagram, fit, goal, host_run,
-    inspect, language_server, model, nearest, odometry, parameters, pictures, schedule, script,
-    sim, task_page, timetable, trace, trace_events, tune, world,
+    inspect, language_server, medium, model, nearest, odometry, parameters, pictures, schedule,
+    script, sim, system, task_page, timetable, trace, trace_events, tune, world,
 };
 
 /// The language front end, and its files on disk.

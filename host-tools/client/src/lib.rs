@@ -29,6 +29,7 @@ pub mod samples;
 pub mod scenario_folder;
 pub mod serial;
 pub mod sources;
+pub mod system_run;
 pub mod time;
 pub mod trial;
 pub mod values;

@@ -70,6 +70,7 @@ pub mod status;
 pub mod step;
 pub mod stop;
 pub mod studio;
+pub mod system;
 pub mod tasks;
 pub mod terminal;
 pub mod test;
@@ -137,6 +138,7 @@ pub enum Command {
     Sim(sim::SimArgs),
     Test(test::TestArgs),
     Run(Box<run::RunArgs>),
+    System(system::SystemArgs),
     Bench(bench::BenchArgs),
     Board(board::BoardArgs),
     Ports(ports::PortsArgs),
@@ -239,6 +241,7 @@ pub fn execute(
         Command::Sim(args) => sim::execute(args, console),
         Command::Test(args) => test::execute(args, console),
         Command::Run(args) => run::execute(args, robot, console),
+        Command::System(args) => system::execute(args, robot, console),
         Command::Bench(args) => bench::execute(args, robot, console),
         Command::Board(args) => board::execute(args, robot, console),
         Command::Ports(args) => ports::execute(args, console),

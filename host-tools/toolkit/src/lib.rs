@@ -30,6 +30,7 @@ pub mod host_run;
 pub mod inspect;
 pub mod lang;
 pub mod language_server;
+pub mod medium;
 pub mod mission_hash;
 pub mod model;
 pub mod nearest;
@@ -48,6 +49,7 @@ pub mod sim;
 pub mod story;
 pub mod streams;
 mod superstates;
+pub mod system;
 pub mod table;
 pub mod task_page;
 #[cfg(test)]

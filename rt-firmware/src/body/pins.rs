@@ -271,6 +271,20 @@ impl PinImage {
         }
     }
 
+    /// The same, which takes no triggers: a look ahead of the next snapshot.
+    pub fn actuators(&self) -> Actuators {
+        Actuators {
+            left_duty: self.left.signed_duty(),
+            right_duty: self.right.signed_duty(),
+            sonar_triggers: bits(&self.sonar_triggers),
+            aux_outputs: bits(&self.aux_outputs),
+            #[cfg(feature = "sonar-array")]
+            array_triggers: bits(&self.array_triggers),
+            #[cfg(not(feature = "sonar-array"))]
+            array_triggers: 0,
+        }
+    }
+
     /// The left and the right motor.
     pub(super) fn motors(&self) -> [&MotorPins; 2] {
         [&self.left, &self.right]

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use esm_link::frames::receiver::InFrames;
 use esm_link::frames::wire::{Header, MAX_PAYLOAD_BYTES};
 use esm_link::message::SafeReason;
-use rt_firmware::body::{Freshness, PinImage, PlantExchange, StopPin};
+use rt_firmware::body::{Actuators, Freshness, PinImage, PlantExchange, StopPin};
 use rt_firmware::drivers::StopButton;
 use rt_firmware::frames::{LINKS, LinkDevice, Taken};
 use rt_firmware::{ActivationStart, Background, Board};
@@ -24,6 +24,17 @@ impl RecordedEnds {
     }
 }
 
+/// What an activation has left at the pins, before the next one tells the plant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Outputs {
+    /// Index of its slot in the blob of the mission that runs.
+    pub slot: usize,
+    /// Its nominal start, in microseconds of robot time.
+    pub start_us: u64,
+    /// The pins.
+    pub actuators: Actuators,
+}
+
 /// Time, pins and background of a host board. A tick of its clock is a microsecond.
 pub struct Body<'p, 'q, 'm, P> {
     now_us: u64,
@@ -37,6 +48,8 @@ pub struct Body<'p, 'q, 'm, P> {
     ends: Option<RecordedEnds>,
     /// Missions that have started.
     missions: u32,
+    /// Slot and start of the last activation.
+    last: Option<(usize, u64)>,
     /// What carries the frames of links.
     links: Vec<Box<dyn LinkDevice>>,
 }
@@ -59,8 +72,18 @@ impl<'p, 'q, 'm, P> Body<'p, 'q, 'm, P> {
             background,
             ends,
             missions: 0,
+            last: None,
             links: Vec::new(),
         }
+    }
+
+    /// What the last activation has left at the pins.
+    pub fn outputs(&self) -> Option<Outputs> {
+        self.last.map(|(slot, start_us)| Outputs {
+            slot,
+            start_us,
+            actuators: self.pins.actuators(),
+        })
     }
 
     /// Gives links devices, in their order; without any, they lead nowhere.
@@ -128,6 +151,7 @@ impl<P: BehindPins> Board for Body<'_, '_, '_, P> {
 
     fn begin_activation(&mut self, activation: &ActivationStart) -> Result<(), SafeReason> {
         let ActivationStart {
+            slot,
             number,
             start_us,
             previous_end_us,
@@ -138,6 +162,7 @@ impl<P: BehindPins> Board for Body<'_, '_, '_, P> {
         if number == 0 {
             self.missions += 1;
         }
+        self.last = Some((slot, start_us));
         let request = self.exchange.request(self.pins, start_us, previous_end_us);
         let reply = self.plant.exchange(&request);
         self.end_recorded_run(number);
@@ -171,7 +196,8 @@ impl<P: BehindPins> Board for Body<'_, '_, '_, P> {
 }
 
 /// A line with nobody at its other end: what is sent is gone, and nothing comes.
-struct OpenLine;
+#[derive(Clone, Copy, Debug)]
+pub struct OpenLine;
 
 impl LinkDevice for OpenLine {
     fn send(

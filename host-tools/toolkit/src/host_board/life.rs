@@ -5,7 +5,7 @@ use rt_firmware::body::PinImage;
 use rt_firmware::frames::LinkDevice;
 use rt_firmware::{LinkPort, LinkSide, RealTime, Sides, StopListener};
 
-use super::body::{Body, RecordedEnds};
+use super::body::{Body, Outputs, RecordedEnds};
 use crate::plant::behind_pins::BehindPins;
 
 /// Steps of background tasks between two slots. One that needs more goes on after the slot, as on a
@@ -88,6 +88,11 @@ impl<'p, 'q, 'm, P: BehindPins> HostLife<'p, 'q, 'm, P> {
     /// Robot time at which the next slot begins; 0 as long as there is none.
     pub fn next_robot_us(&self) -> u64 {
         self.body.robot_us_at(self.due_us)
+    }
+
+    /// What the last activation has left at its pins.
+    pub fn outputs(&self) -> Option<Outputs> {
+        self.body.outputs()
     }
 
     /// What is behind its pins.

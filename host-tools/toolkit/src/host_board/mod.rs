@@ -15,6 +15,6 @@ mod life;
 pub mod log_lines;
 mod memory;
 
-pub use body::RecordedEnds;
+pub use body::{OpenLine, Outputs, RecordedEnds};
 pub use life::{HostLife, HostPort};
 pub use memory::{BOARD, CAPACITIES, HostMemory, about};

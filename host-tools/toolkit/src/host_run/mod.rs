@@ -9,10 +9,13 @@ mod kept;
 mod port;
 mod run;
 mod session;
+mod wired_link;
 
 pub use kept::start_rover;
 pub use port::DirectPort;
 pub use run::{
-    CALL_INTERVAL_US, Ended, Given, HostRun, LINK_MONITOR, Planned, RunMission, Settings, Shown,
+    Behind, CALL_INTERVAL_US, Ended, Given, HostRun, LINK_MONITOR, Planned, RunMission, Settings,
+    Shown, Switches,
 };
 pub use session::RunError;
+pub use wired_link::WiredLink;

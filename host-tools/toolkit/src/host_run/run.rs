@@ -6,12 +6,14 @@ use esm_core::Verified;
 use esm_link::message::Request;
 use esm_link::trace::TraceEvent;
 use rt_firmware::Sides;
-use rt_firmware::body::{PinImage, SONARS};
+use rt_firmware::body::{Actuators, PinImage, SONARS};
+use rt_firmware::frames::LinkDevice;
 
 use super::port::DirectPort;
 use super::session::{RunError, Session, While};
+use super::wired_link::WiredLink;
 use crate::host_board::{BOARD, HostLife, log_lines};
-use crate::plant::behind_pins::{PlantBehindPins, PlantFault, SonarBreak};
+use crate::plant::behind_pins::{BehindPins, PlantBehindPins, PlantFault, SonarBreak};
 use crate::plant::{BodyParameters, Plant};
 use crate::recording::file::Header;
 use crate::recording::writer::RecordingWriter;
@@ -40,6 +42,10 @@ pub struct RunMission {
     pub blob: Vec<u8>,
     /// The names in it.
     pub directory: Arc<Directory>,
+    /// Its links, in the order of the blob.
+    pub links: Vec<WiredLink>,
+    /// Durations of its slots, in microseconds.
+    durations_us: Vec<u32>,
     calls: bool,
 }
 
@@ -56,6 +62,8 @@ impl RunMission {
             name: name.to_owned(),
             hash: verified.hash(),
             directory,
+            links: WiredLink::of(&tables),
+            durations_us: tables.slots().map(|slot| slot.duration_us).collect(),
             calls,
             blob: verified.into_bytes(),
         })
@@ -90,6 +98,42 @@ pub struct Settings {
     pub stop_at_us: Option<u64>,
     /// Robot time from which on the robot hears nothing more of its host, in microseconds.
     pub cut_link_us: Option<u64>,
+}
+
+/// What a run needs to know beside its missions and its plant.
+#[derive(Clone, Copy, Debug)]
+pub struct Switches {
+    /// Seed of the plant's noise, for the recording.
+    pub seed: u64,
+    /// Robot time at which the run ends, in microseconds.
+    pub until_us: u64,
+    /// Robot time from which on the robot hears nothing more of its host, in microseconds.
+    pub cut_link_us: Option<u64>,
+}
+
+/// A plant behind a board's pins, or the part of one that the board has.
+pub trait Behind: BehindPins {
+    /// Looks at the plant as it is.
+    fn look<T>(&self, at: impl FnOnce(&Plant) -> T) -> T;
+
+    /// The plant at the end of the time of interest, or as it is where that has not come yet.
+    fn at_end(&self) -> Plant;
+
+    /// The board has left this at its pins, which takes effect at a robot time in microseconds. A
+    /// plant that one board has learns it in time with the next exchange.
+    fn announce(&mut self, effect_us: u64, actuators: &Actuators) {
+        let _ = (effect_us, actuators);
+    }
+}
+
+impl Behind for PlantBehindPins {
+    fn look<T>(&self, at: impl FnOnce(&Plant) -> T) -> T {
+        at(self.plant())
+    }
+
+    fn at_end(&self) -> Plant {
+        PlantBehindPins::at_end(self)
+    }
 }
 
 /// Where the robot is at a time, and what it hears.
@@ -136,8 +180,8 @@ pub struct Ended {
 }
 
 /// A run that goes on as far as it is told to.
-pub struct HostRun<'p, 'q, 'm> {
-    life: HostLife<'p, 'q, 'm, PlantBehindPins>,
+pub struct HostRun<'p, 'q, 'm, B = PlantBehindPins> {
+    life: HostLife<'p, 'q, 'm, B>,
     port: DirectPort<'m>,
     session: Session,
     story: Story<Vec<u8>>,
@@ -178,6 +222,35 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
         if let Some(robot_us) = settings.stop_at_us {
             behind.inject(PlantFault::StopPressedFrom { robot_us });
         }
+        let switches = Switches {
+            seed: settings.seed,
+            until_us,
+            cut_link_us: settings.cut_link_us,
+        };
+        let mut run = Self::switch_on(sides, pins, behind, switches, missions)?;
+        run.begin()?;
+        Ok(run)
+    }
+}
+
+impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
+    /// Switches a board of these sides on, with `behind` behind its pins. It has no mission yet.
+    ///
+    /// # Errors
+    /// [`RunError`]
+    pub fn switch_on(
+        sides: Sides<'q, 'm>,
+        pins: &'p PinImage,
+        behind: B,
+        switches: Switches,
+        missions: Vec<Planned>,
+    ) -> Result<Self, RunError> {
+        log_lines::install();
+        let Switches {
+            seed,
+            until_us,
+            cut_link_us,
+        } = switches;
         let mut life = HostLife::new(sides, pins, behind, None);
         let mut port = DirectPort::new(life.stop_listener());
         life.start(&mut port);
@@ -186,7 +259,7 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
             board: BOARD.to_owned(),
             firmware: firmware.to_owned(),
             program: firmware.to_owned(),
-            seed: Some(settings.seed),
+            seed: Some(seed),
         };
         let mut recording = RecordingWriter::new(Vec::new(), head, Some(until_us))?;
         for Planned { mission, .. } in &missions {
@@ -203,7 +276,7 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
             brought: 0,
             started: 0,
             until_us,
-            cut_link_us: settings.cut_link_us,
+            cut_link_us,
             called_us: 0,
             shown_us: None,
             given: Given::default(),
@@ -213,8 +286,54 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
             is_moved: true,
         };
         run.session.begin((&mut run.life, &mut run.port))?;
-        run.bring(While::Passing)?;
         Ok(run)
+    }
+
+    /// Gives the links of its missions devices, in their order; without any, they lead nowhere.
+    pub fn connect(&mut self, links: Vec<Box<dyn LinkDevice>>) {
+        self.life.connect(links);
+    }
+
+    /// Brings the first mission to the board: robot time begins.
+    ///
+    /// # Errors
+    /// [`RunError`]
+    pub fn begin(&mut self) -> Result<(), RunError> {
+        self.bring(While::Passing)
+    }
+
+    /// Robot time at which the next slot begins, in microseconds; none where the run is over.
+    pub fn next_us(&self) -> Option<u64> {
+        let next_us = self.life.next_robot_us();
+        let is_over = self.story.has_ended() || self.story.fault().is_some();
+        (!is_over && next_us <= self.until_us).then_some(next_us)
+    }
+
+    /// What the last activation has left at the pins, and when that takes effect, in microseconds
+    /// of robot time.
+    fn outputs(&self) -> Option<(u64, Actuators)> {
+        let outputs = self.life.outputs()?;
+        let runs = self.started.checked_sub(1)?;
+        let durations_us = &self.missions.get(runs)?.mission.durations_us;
+        let duration_us = *durations_us.get(outputs.slot)?;
+        Some((outputs.start_us + u64::from(duration_us), outputs.actuators))
+    }
+
+    /// Tells the plant what the last activation has left at the pins, before the next one does:
+    /// others may look at the plant meanwhile.
+    pub fn announce(&mut self) {
+        if let Some((effect_us, actuators)) = self.outputs() {
+            self.life.plant().announce(effect_us, &actuators);
+        }
+    }
+
+    /// Takes in what the board has said and logged so far, where others log, too.
+    ///
+    /// # Errors
+    /// [`RunError`]
+    pub fn hear(&mut self) -> Result<(), RunError> {
+        self.life.serve(&mut self.port);
+        self.take_in()
     }
 
     /// Lets robot time pass up to `robot_us`, or to the end where that comes before. Answers
@@ -224,11 +343,10 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
     /// [`RunError`]
     pub fn go_on(&mut self, robot_us: u64) -> Result<bool, RunError> {
         loop {
-            let next_us = self.life.next_robot_us();
-            if next_us > self.until_us || self.story.has_ended() || self.story.fault().is_some() {
+            let Some(next_us) = self.next_us() else {
                 self.take_in()?;
                 return Ok(false);
-            }
+            };
             if let Some(next) = self.missions.get(self.brought)
                 && next_us >= next.at_us
             {
@@ -368,32 +486,33 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
 
     /// Notes where the robot is, where it is time to.
     fn show(&mut self) {
-        let plant = self.life.plant().plant();
-        let t_us = plant.now_us();
-        let people = plant.people();
-        let people: Vec<[f64; 3]> = people
-            .map(|person| {
-                let circle = person.circle;
-                [circle.centre.x_m, circle.centre.y_m, circle.radius_m]
-            })
-            .collect();
-        if people != self.people {
-            self.given.people.push((t_us, people.clone()));
-            self.people = people;
-        }
-        let is_due = |shown_us: u64| t_us >= shown_us + SHOWN_EACH_US;
-        if t_us > self.until_us || !self.shown_us.is_none_or(is_due) {
-            return;
-        }
-        self.shown_us = Some(t_us - t_us % SHOWN_EACH_US);
-        let pose = plant.pose();
-        self.given.shown.push(Shown {
-            t_us,
-            at_m: [pose.position.x_m, pose.position.y_m],
-            heading_rad: pose.heading_rad,
-            echo_us: plant.pulses().map(|pulse| pulse.map(|it| it.width_us)),
-            battery_v: plant.battery_v(),
-            touches: plant.collisions(),
+        self.life.plant().look(|plant| {
+            let t_us = plant.now_us();
+            let people = plant.people();
+            let people: Vec<[f64; 3]> = people
+                .map(|person| {
+                    let circle = person.circle;
+                    [circle.centre.x_m, circle.centre.y_m, circle.radius_m]
+                })
+                .collect();
+            if people != self.people {
+                self.given.people.push((t_us, people.clone()));
+                self.people = people;
+            }
+            let is_due = |shown_us: u64| t_us >= shown_us + SHOWN_EACH_US;
+            if t_us > self.until_us || !self.shown_us.is_none_or(is_due) {
+                return;
+            }
+            self.shown_us = Some(t_us - t_us % SHOWN_EACH_US);
+            let pose = plant.pose();
+            self.given.shown.push(Shown {
+                t_us,
+                at_m: [pose.position.x_m, pose.position.y_m],
+                heading_rad: pose.heading_rad,
+                echo_us: plant.pulses().map(|pulse| pulse.map(|it| it.width_us)),
+                battery_v: plant.battery_v(),
+                touches: plant.collisions(),
+            });
         });
     }
 }

@@ -79,7 +79,7 @@ pub(super) fn rows(tables: &Tables<'_>) -> Vec<LinkRow> {
 }
 
 /// The name of a link: what its dispatchers' names begin with.
-fn name(tables: &Tables<'_>, link: &Link) -> String {
+pub(crate) fn name(tables: &Tables<'_>, link: &Link) -> String {
     let task = link.transmit.index().or(link.receive.index());
     let task = task.and_then(|task| tables.task(task));
     let name = task.map_or_else(String::new, |task| readable(task.signature.name()));

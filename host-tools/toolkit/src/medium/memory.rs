@@ -1,0 +1,74 @@
+//! Memory that two processors share: what one writes is there for the other, whole and at once.
+
+use std::collections::VecDeque;
+
+use super::clock::Clock;
+
+/// What was written, and when.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Written {
+    /// By the reader's clock.
+    pub at_us: u64,
+    /// What.
+    pub bytes: Vec<u8>,
+}
+
+/// One direction.
+#[derive(Clone, Debug)]
+pub struct SharedMemory {
+    writer: Clock,
+    reader: Clock,
+    waiting: VecDeque<(u64, Vec<u8>)>,
+}
+
+impl SharedMemory {
+    /// Memory in which nothing is.
+    #[must_use]
+    pub fn new(writer: Clock, reader: Clock) -> Self {
+        SharedMemory {
+            writer,
+            reader,
+            waiting: VecDeque::new(),
+        }
+    }
+
+    /// Writes at a time of the writer's clock. Answers when that is, in picoseconds of plant time.
+    pub fn write(&mut self, at_us: u64, bytes: &[u8]) -> u64 {
+        let at_ps = self.writer.plant_ps(at_us);
+        self.waiting.push_back((at_ps, bytes.to_vec()));
+        at_ps
+    }
+
+    /// When the next was written, in picoseconds of plant time.
+    #[must_use]
+    pub fn next_ps(&self) -> Option<u64> {
+        self.waiting.front().map(|(at_ps, _)| *at_ps)
+    }
+
+    /// What was written next by a time of the reader's clock.
+    pub fn take(&mut self, until_us: u64) -> Option<Written> {
+        let reader = self.reader;
+        let there = |(at_ps, _): &mut (u64, Vec<u8>)| reader.local_us(*at_ps) <= until_us;
+        let (at_ps, bytes) = self.waiting.pop_front_if(there)?;
+        let at_us = reader.local_us(at_ps);
+        Some(Written { at_us, bytes })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_there_at_once() {
+        let mut memory = SharedMemory::new(Clock::new(0, 0), Clock::new(1_000_000, 0));
+        memory.write(10, b"first");
+        memory.write(20, b"second");
+        assert_eq!(memory.next_ps(), Some(10_000_000));
+        assert_eq!(memory.take(8), None);
+        let taken = |memory: &mut SharedMemory| memory.take(19).map(|it| (it.at_us, it.bytes));
+        assert_eq!(taken(&mut memory), Some((9, b"first".to_vec())));
+        assert_eq!(taken(&mut memory), Some((19, b"second".to_vec())));
+        assert_eq!(taken(&mut memory), None);
+    }
+}
