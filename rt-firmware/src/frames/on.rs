@@ -142,9 +142,26 @@ impl FrameLists<'_> {
 
     /// The state of a dispatcher was entered in a macro step at this time.
     pub(crate) fn enter(&mut self, dispatcher: u8, robot_us: u64) {
-        if let Some(link) = self.links.get_mut(Self::device_of(dispatcher)) {
+        if let Some(link) = self.receiver(dispatcher) {
+            // What came while another state received is not lost.
+            if link.left_us != Some(robot_us) {
+                link.listens_us = robot_us;
+            }
             link.entered_us = robot_us;
         }
+    }
+
+    /// It was left.
+    pub(crate) fn leave(&mut self, dispatcher: u8, robot_us: u64) {
+        if let Some(link) = self.receiver(dispatcher) {
+            link.left_us = Some(robot_us);
+        }
+    }
+
+    /// The link of a dispatcher, if that receives.
+    fn receiver(&mut self, dispatcher: u8) -> Option<&mut LinkEntry> {
+        let link = self.links.get_mut(Self::device_of(dispatcher));
+        link.filter(|_| dispatcher % 2 == 1)
     }
 
     /// Executes a dispatcher once.
@@ -299,12 +316,12 @@ fn receive(
         }
     }
     if let Some(device) = device {
-        let entered_us = link.entered_us;
+        let listens_us = link.listens_us;
         device.receive(
             at.robot_us,
             &Received(received),
             &mut |arrived, arrived_us| {
-                if arrived_us <= entered_us {
+                if arrived_us <= listens_us {
                     // No state was there to receive it.
                     return;
                 }

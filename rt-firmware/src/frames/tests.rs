@@ -353,6 +353,26 @@ fn what_comes_is_published_and_told_for_one_macro_step() {
 }
 
 #[test]
+fn what_comes_between_two_states_that_receive_is_not_lost() {
+    let entry = || frame(3 | FRAME_IS_RECEIVED, POSE, 20_000, 0, 0);
+    // When the one was left and the other entered, and whether what comes at 15 ms is taken.
+    for (left_us, entered_us, is_taken) in [(20_000, 20_000, true), (10_000, 20_000, false)] {
+        let mut received = lists(vec![entry()], true);
+        let (mut executor, mut board) = (executor(), Board::default());
+        let mut line = Line::default();
+        received.enter(1, 0);
+        let first = at(1_000, true);
+        received.run(1, &first, Some(&mut line), &mut executor, &mut board);
+        line.arrives(15_000, header(&entry(), 1), &1_u32.to_le_bytes());
+        received.leave(1, left_us);
+        received.enter(1, entered_us);
+        let second = at(21_000, true);
+        received.run(1, &second, Some(&mut line), &mut executor, &mut board);
+        assert_eq!(value_on(&executor, 0), is_taken.then_some(1), "{left_us}");
+    }
+}
+
+#[test]
 fn a_link_that_another_mission_declares_in_the_same_way_goes_on() {
     let entries = || vec![frame(3 | FRAME_IS_RECEIVED, POSE, 20_000, 0, 0)];
     let mut before = lists(entries(), true);
