@@ -3,8 +3,8 @@
 //! The passes run in the order of the modules: which containers the machine uses and how an
 //! instance of each is laid out (`layout`); guards and actions (`code`); templates as records
 //! (`templates`); the instance tree (`instances`); who listens to which events (`channels`); which
-//! ports share a net (`nets`); links and frames (`links`); names (`names`). What comes out is verified by the firmware's own
-//! code before anybody gets it.
+//! ports share a net (`nets`); links and frames (`links`); names (`names`). What comes out is
+//! verified by the firmware's own code before anybody gets it.
 //!
 //! Equal models give equal bytes: nothing here depends on addresses, hash seeds or time.
 

@@ -348,8 +348,8 @@ impl Checked {
         Some(outcomes)
     }
 
-    /// [`Checked::solve_slots`] and [`Checked::solve_links`] for those who want a schedule of all or
-    /// nothing.
+    /// [`Checked::solve_slots`] and [`Checked::solve_links`] for those who want a schedule of all
+    /// or nothing.
     pub fn lay_out(&mut self, limit: impl Into<Limit>) -> Option<LaidOut> {
         let limit = limit.into();
         let slots = self.solve_slots(limit);
@@ -360,8 +360,8 @@ impl Checked {
         })
     }
 
-    /// [`Checked::solve_links`] for those who want start times or nothing: for each link those of the
-    /// frames that are sent over it.
+    /// [`Checked::solve_links`] for those who want start times or nothing: for each link those of
+    /// the frames that are sent over it.
     pub fn lay_out_frames(&mut self, limit: impl Into<Limit>) -> Option<Vec<Vec<u32>>> {
         self.solve_links(limit)?.into_iter().map(starts).collect()
     }

@@ -35,8 +35,8 @@ impl SlotSpec {
             .collect()
     }
 
-    /// The frames that are sent over a link, in source order, as far as their times are known. Their
-    /// numbers are their identifiers.
+    /// The frames that are sent over a link, in source order, as far as their times are known.
+    /// Their numbers are their identifiers.
     pub fn of_link(model: &Model, link: usize) -> Vec<SlotSpec> {
         let Some(declared) = model.links.get(link) else {
             return Vec::new();

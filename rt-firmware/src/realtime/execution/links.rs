@@ -1,5 +1,5 @@
-//! The dispatchers of links, which are executed as tasks are: in their slots, while their states are
-//! current.
+//! The dispatchers of links, which are executed as tasks are: in their slots, while their states
+//! are current.
 
 use super::super::machine::{Machine, Mission};
 use super::super::tasks::TaskActivity;

@@ -16,8 +16,8 @@ use super::uses::Uses;
 
 /// Reports ports that do nothing.
 ///
-/// Gives, for each task, which of its ports are on a path and lead somewhere; nothing where paths may
-/// be hidden.
+/// Gives, for each task, which of its ports are on a path and lead somewhere; nothing where paths
+/// may be hidden.
 pub(super) fn check(
     model: &Model,
     holes: &Holes,

@@ -138,8 +138,8 @@ impl<'f, 's> Names<'f, 's> {
         self.references.refer(place, declaration);
     }
 
-    /// Takes down that a name means what it stands for in a scope. Of a flag that comes with a frame
-    /// by itself, the frame's name is what it begins with.
+    /// Takes down that a name means what it stands for in a scope. Of a flag that comes with a
+    /// frame by itself, the frame's name is what it begins with.
     pub(super) fn refer_into(&mut self, scope: &Scope<'f>, name: Name) {
         let text = self.text(name.0);
         let Some(declaration) = scope.place(text) else {
