@@ -91,6 +91,8 @@ struct Cells {
     operations: u64,
     cut: Option<PowerCut>,
     is_off: bool,
+    /// What takes no write and no erase any more.
+    worn: Option<Range<usize>>,
 }
 
 impl Flash {
@@ -156,6 +158,7 @@ impl Flash {
                     operations: 0,
                     cut: None,
                     is_off: false,
+                    worn: None,
                 }),
                 Condvar::new(),
             )),
@@ -208,6 +211,11 @@ impl Flash {
         if let Some(cell) = self.lock().cells.get_mut(address) {
             *cell ^= bits;
         }
+    }
+
+    /// From now on these bytes take no write and no erase: each is an error, and changes nothing.
+    pub fn wear_out(&self, bytes: Range<usize>) {
+        self.lock().worn = Some(bytes);
     }
 
     /// The reply to a request, whose bytes to write are `written`; `None` where power has failed.
@@ -294,6 +302,10 @@ impl Cells {
         range: Range<usize>,
         goal: impl Fn(usize) -> u8,
     ) -> Result<(), NorFlashErrorKind> {
+        let is_worn = |worn: &Range<usize>| worn.start < range.end && range.start < worn.end;
+        if self.worn.as_ref().is_some_and(is_worn) {
+            return Err(NorFlashErrorKind::Other);
+        }
         let (start, half) = (range.start, range.len() / 2);
         let cut = self.cut.filter(|cut| cut.operation == self.operations);
         let tear = cut.map_or(Tear::Whole, |cut| cut.tear);
