@@ -467,6 +467,25 @@ mod tests {
     }
 
     #[test]
+    fn what_is_worn_out_takes_nothing_and_is_read_as_it_is() {
+        let mut flash = Flash::blank(3072);
+        assert_eq!(flash.write(1024, &[7; 8]), Ok(()));
+        flash.wear_out(1024..2048);
+        assert_eq!(flash.write(1032, &[0; 8]), Err(NorFlashErrorKind::Other));
+        assert_eq!(flash.erase(0, 2048), Err(NorFlashErrorKind::Other));
+        assert_eq!(flash.erase(0, 1024), Ok(()));
+        assert_eq!(flash.write(2048, &[0; 8]), Ok(()));
+        let mut bytes = [0; 16];
+        assert_eq!(flash.read(1024, &mut bytes), Ok(()));
+        assert_eq!(
+            bytes,
+            [
+                7, 7, 7, 7, 7, 7, 7, 7, 255, 255, 255, 255, 255, 255, 255, 255
+            ]
+        );
+    }
+
+    #[test]
     fn power_fails_in_the_operation_that_was_named_and_nothing_happens_after_it() {
         for (tear, expected) in [
             (Tear::Nothing, [0xFF; 8]),

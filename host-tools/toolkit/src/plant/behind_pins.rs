@@ -3,9 +3,9 @@
 
 use rt_firmware::body::{Reply, Request};
 
-use super::{Plant, WiringFault};
 use super::recorded::RecordedRanges;
 use super::sonar::SonarFault;
+use super::{Plant, WiringFault};
 
 /// What is behind the pins of a board that has none of its own.
 pub trait BehindPins {

@@ -144,12 +144,24 @@ mod tests {
             (&[][..], [0.5, 0.2], [10, 20]),
             (&[LeftMotorBackwards], [-0.5, 0.2], [10, 20]),
             (&[MotorsExchanged], [0.2, 0.5], [10, 20]),
-            (&[LeftMotorBackwards, MotorsExchanged], [-0.2, 0.5], [10, 20]),
+            (
+                &[LeftMotorBackwards, MotorsExchanged],
+                [-0.2, 0.5],
+                [10, 20],
+            ),
             (&[RightMotorDead, RightMotorBackwards], [0.5, 0.0], [10, 20]),
             (&[LeftEncoderBackwards], [0.5, 0.2], [65_526, 20]),
             (&[EncodersExchanged], [0.5, 0.2], [20, 10]),
-            (&[EncodersExchanged, LeftEncoderBackwards], [0.5, 0.2], [20, 65_526]),
-            (&[RightEncoderBackwards, RightEncoderDead], [0.5, 0.2], [10, 0]),
+            (
+                &[EncodersExchanged, LeftEncoderBackwards],
+                [0.5, 0.2],
+                [20, 65_526],
+            ),
+            (
+                &[RightEncoderBackwards, RightEncoderDead],
+                [0.5, 0.2],
+                [10, 0],
+            ),
         ] {
             let wiring = wired(faults);
             assert_eq!(wiring.duties([0.5, 0.2]), duties, "{faults:?}");

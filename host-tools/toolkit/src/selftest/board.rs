@@ -168,14 +168,23 @@ pub fn flash(mission: Kept, record: Kept, health: Option<&FlashHealth>) -> Vec<F
     };
     let worn = "the flash does not take it: a sector is worn or damaged; erase the chip at the programmer, and replace it if that does not help";
     let mut findings = vec![
-        kept("flash.mission", "a mission is written and read back", mission, worn),
-        kept("flash.record", "a record is written and read back", record, worn),
+        kept(
+            "flash.mission",
+            "a mission is written and read back",
+            mission,
+            worn,
+        ),
+        kept(
+            "flash.record",
+            "a record is written and read back",
+            record,
+            worn,
+        ),
     ];
     let Some(health) = health else {
         let why = "the firmware keeps nothing";
-        findings.extend(
-            ["flash.copies", "flash.erases"].map(|name| Finding::not_measured(name, why)),
-        );
+        findings
+            .extend(["flash.copies", "flash.erases"].map(|name| Finding::not_measured(name, why)));
         return findings;
     };
     let twice = matches!(health.records, KeyValuesState::Whole | KeyValuesState::New);
@@ -241,8 +250,11 @@ mod tests {
 
     #[test]
     fn a_clock_is_compared_by_the_answers_that_came_soonest() {
-        for (speed, pass, ppm) in [(1.0, true, 0.0), (1.0001, true, 100.0), (0.997, false, -3000.0)]
-        {
+        for (speed, pass, ppm) in [
+            (1.0, true, 0.0),
+            (1.0001, true, 100.0),
+            (0.997, false, -3000.0),
+        ] {
             let begin = looks(1.0, speed, &[0.2, 0.003, 0.01]);
             let end = looks(11.0, speed, &[0.003, 0.5, 0.02]);
             let finding = clock(&begin, &end, 0.0);

@@ -35,7 +35,11 @@ pub fn sonars(samples: &[SonarSample]) -> Vec<Finding> {
     let mut findings = Vec::new();
     for sonar in 0..count {
         let is_dead = (samples.last()).is_some_and(|it| it.dead >> sonar & 1 != 0);
-        let of_it = || samples.iter().filter_map(|it| it.range_m.get(sonar).copied());
+        let of_it = || {
+            samples
+                .iter()
+                .filter_map(|it| it.range_m.get(sonar).copied())
+        };
         let mut ranges: Vec<f64> = of_it().filter(|range_m| *range_m > 0.0).collect();
         ranges.sort_by(f64::total_cmp);
         let (nearest, farthest) = (ranges.first(), ranges.last());
@@ -191,7 +195,10 @@ mod tests {
         ] {
             let finding = battery(voltages, 6.6);
             assert_eq!(finding.pass, pass, "{voltages:?}");
-            assert!(finding.advice.unwrap_or_default().contains(said), "{voltages:?}");
+            assert!(
+                finding.advice.unwrap_or_default().contains(said),
+                "{voltages:?}"
+            );
         }
     }
 

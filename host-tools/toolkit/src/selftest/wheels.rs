@@ -115,6 +115,16 @@ impl Follows {
         Follows(rows)
     }
 
+    /// The same in parts of what follows most: of ways whose unit is another one.
+    fn by_its_largest(self) -> Self {
+        let largest = self.0.as_flattened().iter().copied();
+        let largest = largest.fold(0.0, |most: f64, part| most.max(part.abs()));
+        if largest == 0.0 {
+            return self;
+        }
+        Follows(self.0.map(|row| row.map(|part| part / largest)))
+    }
+
     /// The motor that this one follows, left or right, and by how much; none where it stands.
     fn motor(&self, row: usize) -> Option<(usize, f64)> {
         let [left, right] = self.0[row];
@@ -132,7 +142,8 @@ const SIDES: [&str; 2] = ["left", "right"];
 /// What is found of the wheels, by samples of a drive, and by who has looked at them.
 pub fn judge(samples: &[WheelSample], seen: Option<&Seen>) -> Vec<Finding> {
     let Some(counted) = Follows::of(samples, |sample| sample.counted_m_per_s) else {
-        let why = "the wheels were not driven long enough: run it again, and mind the messages above";
+        let why =
+            "the wheels were not driven long enough: run it again, and mind the messages above";
         return NAMES.map(|name| Finding::not_measured(name, why)).to_vec();
     };
     match seen {
@@ -141,14 +152,28 @@ pub fn judge(samples: &[WheelSample], seen: Option<&Seen>) -> Vec<Finding> {
     }
 }
 
-/// The same where the wheels' real speeds are known, in place of somebody who looks.
-pub fn judge_known(
-    samples: &[WheelSample],
-    turned: impl Fn(&WheelSample) -> [f64; 2],
-) -> Vec<Finding> {
-    let counted = Follows::of(samples, |sample| sample.counted_m_per_s);
-    match counted.zip(Follows::of(samples, turned)) {
-        Some((counted, turned)) => by_eye(&counted, &turned),
+/// The same where it is known, in place of somebody who looks, how far the wheels had really turned
+/// forwards at each sample, in radians.
+pub fn judge_known(samples: &[WheelSample], turned_rad: &[[f64; 2]]) -> Vec<Finding> {
+    let Some(counted) = Follows::of(samples, |sample| sample.counted_m_per_s) else {
+        return judge(samples, None);
+    };
+    let pairs = samples.windows(2).zip(turned_rad.windows(2));
+    let speeds: Vec<WheelSample> = pairs
+        .filter_map(|(times, ways)| {
+            let ([from, to], [before, behind]) = (times, ways) else {
+                return None;
+            };
+            let passed_s = to.t_s - from.t_s;
+            let speed = |side: usize| (behind[side] - before[side]) / passed_s;
+            (passed_s > 0.0).then(|| WheelSample {
+                counted_m_per_s: [speed(0), speed(1)],
+                ..*to
+            })
+        })
+        .collect();
+    match Follows::of(&speeds, |sample| sample.counted_m_per_s) {
+        Some(turned) => by_eye(&counted, &turned.by_its_largest()),
         None => judge(samples, None),
     }
 }
@@ -276,7 +301,13 @@ fn unseen(counted: &Follows) -> Vec<Finding> {
 }
 
 fn sides(name: &'static str, good: bool, advice: &str) -> Finding {
-    Finding::judged(name, (f64::from(u8::from(good)), ""), ON_ITS_SIDE, good, advice)
+    Finding::judged(
+        name,
+        (f64::from(u8::from(good)), ""),
+        ON_ITS_SIDE,
+        good,
+        advice,
+    )
 }
 
 fn dead_encoder(name: &'static str, side: &str) -> Finding {
@@ -341,9 +372,19 @@ mod tests {
         // What the encoders follow, what is seen ahead and to the left, and what is wrong.
         for (counted, ahead, left, wrong) in [
             (good, [F, F], [B, F], &[][..]),
-            ([[-1.0, 0.0], [0.0, 1.0]], [F, F], [B, F], &["encoders.left"]),
+            (
+                [[-1.0, 0.0], [0.0, 1.0]],
+                [F, F],
+                [B, F],
+                &["encoders.left"],
+            ),
             ([[-1.0, 0.0], [0.0, 1.0]], [B, F], [F, F], &["motors.left"]),
-            ([[0.0, 1.0], [1.0, 0.0]], [F, F], [B, F], &["encoders.sides"]),
+            (
+                [[0.0, 1.0], [1.0, 0.0]],
+                [F, F],
+                [B, F],
+                &["encoders.sides"],
+            ),
             ([[0.0, 1.0], [1.0, 0.0]], [F, F], [F, B], &["motors.sides"]),
             (good, [F, F], [F, B], &["motors.sides", "encoders.sides"]),
             ([[0.0, 0.0], [0.0, 1.0]], [F, F], [B, F], &["encoders.left"]),
@@ -376,7 +417,10 @@ mod tests {
         let findings = judge(&driven([[-1.0, 0.0], [0.0, 1.0]]), None);
         assert_eq!(failed(&findings), ["encoders.left"]);
         let advice = findings[4].advice.as_deref().unwrap_or_default();
-        assert!(advice.contains("swap A and B") && advice.contains("two wires"), "{advice}");
+        assert!(
+            advice.contains("swap A and B") && advice.contains("two wires"),
+            "{advice}"
+        );
         assert_eq!(findings[0].pass, None);
         let findings = judge(&driven([[0.0, 1.0], [1.0, 0.0]]), None);
         assert_eq!(failed(&findings), ["encoders.sides"]);
@@ -385,15 +429,32 @@ mod tests {
     #[test]
     fn real_speeds_stand_for_eyes() {
         let samples = driven([[-1.0, 0.0], [0.0, 1.0]]);
+        let turned_rad = |follows: [f64; 2]| -> Vec<[f64; 2]> {
+            let mut way = [0.0; 2];
+            let ways = samples.iter().map(|sample| {
+                for side in 0..2 {
+                    way[side] += sample.counted_m_per_s[side] * follows[side] * 0.02 / 0.03;
+                }
+                way
+            });
+            ways.collect()
+        };
         // The wheels turn as the encoders say: it is the motor.
-        let findings = judge_known(&samples, |sample| sample.counted_m_per_s);
+        let findings = judge_known(&samples, &turned_rad([1.0, 1.0]));
+        assert_eq!(failed(&findings), ["motors.left"]);
+        let findings = judge_known(&samples, &turned_rad([-1.0, 1.0]));
+        assert_eq!(failed(&findings), ["encoders.left"]);
+        let findings = judge_known(&samples, &turned_rad([0.0, 1.0]));
         assert_eq!(failed(&findings), ["motors.left"]);
     }
 
     #[test]
     fn wheels_that_were_not_driven_are_not_judged() {
         let still: Vec<WheelSample> = (driven([[1.0, 0.0], [0.0, 1.0]]).into_iter())
-            .map(|sample| WheelSample { asked_m_per_s: [0.0; 2], ..sample })
+            .map(|sample| WheelSample {
+                asked_m_per_s: [0.0; 2],
+                ..sample
+            })
             .collect();
         let findings = judge(&still, None);
         assert!(findings.iter().all(|it| it.pass.is_none()));
