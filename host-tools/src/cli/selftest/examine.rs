@@ -18,7 +18,9 @@ use crate::cli::robot::{self, Robot};
 use crate::counters::SlotReport;
 use crate::link_client::{ClientError, RobotInfo};
 use crate::parameters::Value;
+use crate::reading::mode_words;
 use crate::run::mission::Mission;
+use crate::run::story;
 use crate::selftest::Finding;
 use crate::selftest::board::{self, ClockLook, Kept};
 use crate::selftest::body::{self, SonarSample};
@@ -249,13 +251,12 @@ impl<'r> Examination<'r> {
         let begun = clock.now();
         loop {
             self.ask_at_once(frames)?;
+            self.require_running()?;
             let counters = self.robot.slot_counters(0)?;
-            frames.requests += 1;
+            frames.requests += 2;
             if counters.executed >= ACTIVATIONS || clock.since(begun) > ACTIVATIONS_LIMIT {
                 return Ok(());
             }
-            self.require_running()?;
-            frames.requests += 1;
         }
     }
 
@@ -301,9 +302,16 @@ impl<'r> Examination<'r> {
     fn require_running(&mut self) -> Result<Status, CommandError> {
         let status = self.robot.status()?;
         if status.mode != Mode::Running || status.mission != self.on_trial {
-            let (mode, _) = crate::reading::mode_words(status.mode);
+            let (mode, _) = mode_words(status.mode);
+            let gave_up = status
+                .fell_back
+                .filter(|it| Some(it.mission) == self.on_trial);
+            let why = gave_up.map_or_else(
+                || "somebody has stopped it, or `esm status` says why".to_owned(),
+                |it| format!("it gave it up: {}", story::fall_back_reason(it.reason)),
+            );
             return Err(CommandError::Input(anyhow!(
-                "the robot does not run its selftest any more, it is {mode}: `esm status` says why"
+                "the robot does not run its selftest any more, it is {mode}: {why}"
             )));
         }
         Ok(status)

@@ -89,7 +89,7 @@ pub const ALL: &[Plantable] = &[
         "sonars.5",
     ),
     of("slow-crystal", Fault::SlowCrystal, "clock"),
-    of("bad-flash-sector", Fault::BadFlashSector, "flash.copies"),
+    of("bad-flash-sector", Fault::BadFlashSector, "flash.record"),
     of("low-battery", Fault::LowBattery, "battery"),
     of("noisy-line", Fault::NoisyLine, "line.bad_frames"),
     of(

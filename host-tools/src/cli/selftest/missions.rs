@@ -151,10 +151,10 @@ impl<'t> Parts<'t> {
 
     /// The mission that lets slots start as often as they can, and does next to nothing in them.
     pub fn slots_mission(&self) -> Texts {
-        let mut text = head(&["slot 1 period 1 ms duration 400 us;"]);
+        let mut text = head(&["slot 1 period 2 ms duration 700 us;"]);
         let watches = self.has("LinkMonitor");
         if watches {
-            text += "slot 3 period 40 ms duration 200 us;\n";
+            text += "slot 3 period 40 ms duration 700 us;\n";
         }
         text += "machine Slots {\n    region wait { state Wait; initial -> Wait; }\n";
         if watches {
