@@ -123,8 +123,15 @@ impl<'r> Examination<'r> {
         // Also after Ctrl-C, but then not for long.
         robot::hold_out(self.robot);
         let left = self.leave();
-        examined.and(left)?;
-        Ok(self.findings)
+        match (examined, left) {
+            (Ok(()), left) => left.map(|()| self.findings),
+            (Err(error), Ok(())) => Err(error),
+            // Who has taken the line over has stopped it.
+            (Err(error), Err(_)) if robot::is_taken_over(&error) => Err(error),
+            (Err(error), Err(left)) => Err(CommandError::World(anyhow!(
+                "{error}; and the robot could not be stopped ({left}): use its button, or switch it off"
+            ))),
+        }
     }
 
     fn examine(&mut self, eyes: &mut dyn Eyes) -> Result<(), CommandError> {
