@@ -6,13 +6,16 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use std::collections::BTreeSet;
-use std::io::Write;
+use std::fs::File;
+use std::io::{Read, Write};
 use std::path::PathBuf;
+use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex};
+use std::thread;
 use std::time::Duration;
 
 use clap::Parser;
-use esm_tests::command::{Robot, Running, chip_firmware, esm, firmware};
+use esm_tests::command::{Robot, Running, chip_firmware, esm, esm_binary, firmware, root, spawn};
 use esm_tests::environment;
 use host_tools::cli::console::Console;
 use host_tools::cli::exit::CommandError;
@@ -20,6 +23,7 @@ use host_tools::cli::selftest::faults::{ALL, Fault, Plantable};
 use host_tools::cli::{self, Cli};
 use host_tools::host_board;
 use host_tools::plant::WiringFault;
+use nix::pty::openpty;
 
 /// The boards, and whether they have a gyroscope.
 const BOARDS: [(&str, bool); 3] = [("host", true), ("lm3s6965", false), ("stm32f405", true)];
@@ -229,13 +233,66 @@ fn at_a_port_nothing_is_driven_unless_it_may_be_and_the_mission_before_comes_bac
     assert_eq!(robot.status()["mission"], mission.as_str());
 }
 
+/// What a person at a terminal is asked, and answers.
+const ANSWERS: [(&str, &str); 4] = [
+    ("[y/N]", "y\n"),
+    ("Enter begins", "\n"),
+    ("when both were to turn forwards", "bf\n"),
+    ("the left one was to turn backwards", "ff\n"),
+];
+
+#[test]
+fn a_person_at_a_terminal_says_how_the_wheels_turned_and_both_causes_are_told_apart() {
+    // Its wheels turn as they should, and the person says otherwise: so the encoder seems to count
+    // backwards, too.
+    let robot = Robot::start_with("host", None, &["--world", "empty"]);
+    let terminal = openpty(None, None).unwrap();
+    let mut command = Command::new(esm_binary());
+    command
+        .args(["selftest", "--json", "--port", robot.port()])
+        .current_dir(root())
+        .stdin(terminal.slave.try_clone().unwrap())
+        .stderr(terminal.slave)
+        .stdout(Stdio::piped());
+    let selftest = spawn(&mut command).unwrap();
+    // It has copies of the terminal, which ends with the process that it starts.
+    drop(command);
+    let mut person = File::from(terminal.master);
+    let mut said = String::new();
+    for (question, answer) in ANSWERS {
+        let mut buffer = [0; 1024];
+        while !said.contains(question) {
+            let count = person.read(&mut buffer).unwrap();
+            said += &String::from_utf8_lossy(&buffer[..count]);
+        }
+        said.clear();
+        person.write_all(answer.as_bytes()).unwrap();
+    }
+    // What it still tells is taken, so that it does not wait for its reader.
+    let taken = thread::spawn(move || while person.read(&mut [0; 1024]).is_ok_and(|it| it > 0) {});
+    let done = selftest.wait_with_output().unwrap();
+    taken.join().unwrap();
+    assert_eq!(done.status.code(), Some(1), "{done:?}");
+    let report: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    let findings = report["findings"].as_array().unwrap().iter();
+    let bad: Vec<_> = findings.filter(|it| it["pass"] == false).collect();
+    let advice: Vec<_> = bad.iter().filter_map(|it| it["advice"].as_str()).collect();
+    assert_eq!(
+        advice,
+        [
+            "the left motor turns backwards: swap its two wires",
+            "the left encoder counts backwards: swap A and B"
+        ]
+    );
+}
+
 #[test]
 fn ctrl_c_in_the_middle_stops_the_robot_and_brings_its_mission_back() {
     let (robot, mission) = on_patrol();
     let selftest = Running::esm(&["selftest", "--wheels-lifted", "--port", robot.port()]);
     let selftest = selftest.until("it measures", |it| it.err().contains("measures itself"));
     // By then it has one of its missions.
-    std::thread::sleep(Duration::from_secs(12));
+    thread::sleep(Duration::from_secs(12));
     let done = selftest.interrupted();
     assert_eq!(done.status, Some(3), "{done:#?}");
     assert_stands_with(&robot, &mission);
@@ -246,7 +303,7 @@ fn a_stop_by_somebody_else_ends_it_and_the_robot_stands() {
     let (robot, _) = on_patrol();
     let selftest = Running::esm(&["selftest", "--wheels-lifted", "--port", robot.port()]);
     let selftest = selftest.until("it measures", |it| it.err().contains("measures itself"));
-    std::thread::sleep(Duration::from_secs(12));
+    thread::sleep(Duration::from_secs(12));
     robot.esm(&["stop"]).good();
     let done = selftest.finished();
     assert_eq!(done.status, Some(3), "{done:#?}");

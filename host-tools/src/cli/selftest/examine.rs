@@ -493,6 +493,8 @@ impl<'r> Examination<'r> {
 
     /// Writes a record, by an emergency stop that is latched and released.
     fn keep_record(&mut self) -> Result<Kept, CommandError> {
+        // Nobody is to be left with a stop that was latched for this.
+        robot::hold_out(self.robot);
         let latched = took(self.robot.emergency_stop())?;
         let released = took(self.robot.release())?;
         Ok(if latched && released {

@@ -2,6 +2,9 @@
 
 use serde::Serialize;
 
+/// What is smaller is shown by its magnitude: three digits behind the point would show nothing.
+const SHOWN_IN_FULL: f64 = 0.000_5;
+
 /// A number that was measured, held against its limit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
@@ -70,6 +73,9 @@ impl Finding {
             below if below < 100.0 && value.fract() != 0.0 => 1,
             _ => 0,
         };
+        if value != 0.0 && value.abs() < SHOWN_IN_FULL {
+            return format!("{value:.0e} {}", self.unit).trim_end().to_owned();
+        }
         let space = if self.unit.is_empty() { "" } else { " " };
         format!("{value:.digits$}{space}{}", self.unit)
     }
@@ -99,6 +105,7 @@ mod tests {
             (-2.5, "-2.500 V"),
             (12.34, "12.3 V"),
             (10_000.4, "10000 V"),
+            (-0.000_18, "-2e-4 V"),
         ] {
             let finding = Finding::judged("a", (value, "V"), "", true, "");
             assert_eq!(finding.value_text(), text);
