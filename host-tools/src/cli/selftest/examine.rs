@@ -176,12 +176,14 @@ impl<'r> Examination<'r> {
     /// The robot stands, and has the mission that it had.
     fn leave(&mut self) -> Result<(), CommandError> {
         self.robot.stop()?;
-        if let Some(mission) = self.on_trial.take() {
-            match self.robot.fall_back(mission) {
-                // It has gone back by itself.
-                Err(error) if error.refusal() == Some(LinkError::NotOnTrial) => {}
-                done => done?,
+        if let Some(mission) = self.on_trial {
+            let done = self.robot.fall_back(mission);
+            let refusal = done.as_ref().err().and_then(ClientError::refusal);
+            // It has gone back by itself, or has never come to it.
+            if !matches!(refusal, Some(LinkError::NotOnTrial | LinkError::NoMission)) {
+                done?;
             }
+            self.on_trial = None;
         }
         Ok(())
     }
@@ -193,12 +195,14 @@ impl<'r> Examination<'r> {
             warm: false,
             trial_ms: TRIAL_MS,
         };
+        // From here on it may be, whatever is heard of it.
+        self.on_trial = Some(mission.hash);
         match self.robot.commit(swap) {
-            Ok(committed) => {
-                self.on_trial = Some(committed.mission);
-                Ok(Kept::Yes)
+            Ok(_) => Ok(Kept::Yes),
+            Err(error) if error.refusal() == Some(LinkError::FlashRefused) => {
+                self.on_trial = None;
+                Ok(Kept::No)
             }
-            Err(error) if error.refusal() == Some(LinkError::FlashRefused) => Ok(Kept::No),
             Err(error) => Err(error.into()),
         }
     }
@@ -381,7 +385,7 @@ impl<'r> Examination<'r> {
             .extend(measured(parts, Measured::Battery, &["battery"], || {
                 let low_v = parts.default_of("BatteryMonitor", "low_v").unwrap_or(0.0);
                 // A measure of the file, and not all the digits of its single precision.
-                let low_v = (low_v * 1e3).round() / 1e3;
+                let low_v = libm::round(low_v * 1e3) / 1e3;
                 vec![body::battery(
                     &one("of_Measure/Measure.battery", "voltage_v"),
                     low_v,

@@ -79,7 +79,7 @@ pub fn clock(begin: &[ClockLook], end: &[ClockLook], coarse_s: f64) -> Finding {
     let which = if ppm < 0.0 { "slow" } else { "fast" };
     Finding::judged(
         NAME,
-        (ppm.round(), "ppm"),
+        (libm::round(ppm), "ppm"),
         limit,
         ppm.abs() <= CLOCK_LIMIT_PPM,
         format!(
@@ -256,7 +256,7 @@ pub fn stack(deepest_bytes: Option<u32>, room_bytes: Option<u32>) -> Finding {
             ..Finding::not_measured(NAME, "")
         };
     };
-    let most = (f64::from(room_bytes) * (1.0 - STACK_FREE_PART)).floor();
+    let most = libm::floor(f64::from(room_bytes) * (1.0 - STACK_FREE_PART));
     Finding::judged(
         NAME,
         (deepest_bytes.into(), "bytes"),

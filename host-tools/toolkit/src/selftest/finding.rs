@@ -67,10 +67,11 @@ impl Finding {
         let Some(value) = self.value else {
             return "-".to_owned();
         };
+        let is_whole = libm::floor(value) == value;
         let digits = match value.abs() {
-            0.0 => 0,
-            below if below < 10.0 && value.fract() != 0.0 => 3,
-            below if below < 100.0 && value.fract() != 0.0 => 1,
+            _ if is_whole => 0,
+            below if below < 10.0 => 3,
+            below if below < 100.0 => 1,
             _ => 0,
         };
         if value != 0.0 && value.abs() < SHOWN_IN_FULL {
