@@ -92,7 +92,7 @@ struct Cells {
     cut: Option<PowerCut>,
     is_off: bool,
     /// What takes no write and no erase any more.
-    worn: Option<Range<usize>>,
+    worn: Vec<Range<usize>>,
 }
 
 impl Flash {
@@ -158,7 +158,7 @@ impl Flash {
                     operations: 0,
                     cut: None,
                     is_off: false,
-                    worn: None,
+                    worn: Vec::new(),
                 }),
                 Condvar::new(),
             )),
@@ -215,7 +215,7 @@ impl Flash {
 
     /// From now on these bytes take no write and no erase: each is an error, and changes nothing.
     pub fn wear_out(&self, bytes: Range<usize>) {
-        self.lock().worn = Some(bytes);
+        self.lock().worn.push(bytes);
     }
 
     /// The reply to a request, whose bytes to write are `written`; `None` where power has failed.
@@ -303,7 +303,7 @@ impl Cells {
         goal: impl Fn(usize) -> u8,
     ) -> Result<(), NorFlashErrorKind> {
         let is_worn = |worn: &Range<usize>| worn.start < range.end && range.start < worn.end;
-        if self.worn.as_ref().is_some_and(is_worn) {
+        if self.worn.iter().any(is_worn) {
             return Err(NorFlashErrorKind::Other);
         }
         let (start, half) = (range.start, range.len() / 2);
@@ -474,6 +474,8 @@ mod tests {
         assert_eq!(flash.write(1032, &[0; 8]), Err(NorFlashErrorKind::Other));
         assert_eq!(flash.erase(0, 2048), Err(NorFlashErrorKind::Other));
         assert_eq!(flash.erase(0, 1024), Ok(()));
+        flash.wear_out(0..1);
+        assert_eq!(flash.erase(0, 1024), Err(NorFlashErrorKind::Other));
         assert_eq!(flash.write(2048, &[0; 8]), Ok(()));
         let mut bytes = [0; 16];
         assert_eq!(flash.read(1024, &mut bytes), Ok(()));

@@ -21,7 +21,7 @@ use self::person::{Person, Simulation};
 use self::report::Report;
 use super::console::Console;
 use super::exit::CommandError;
-use super::robot::{Robot, RobotArgs};
+use super::robot::{Robot, RobotArgs, has_lost_robot, is_taken_over};
 use super::{file, tasks};
 use crate::host_board::RobotMaker;
 use crate::link_client::RobotInfo;
@@ -67,15 +67,20 @@ pub struct SelftestArgs {
     pub wheels_lifted: bool,
 
     /// Plants a fault in the simulated robot, to see that it is found. May be given several times
-    #[arg(long, value_name = "FAULT", requires = "board")]
+    #[arg(
+        long,
+        value_name = "FAULT",
+        requires = "board",
+        conflicts_with = "port"
+    )]
     pub fault: Vec<Fault>,
 
     /// Seed of the noise in sensors and wheels of the simulated robot [default: 1]
-    #[arg(long, value_name = "N", requires = "board")]
+    #[arg(long, value_name = "N", requires = "board", conflicts_with = "port")]
     pub seed: Option<u64>,
 
     /// The firmware to start on an emulated board, instead of the one that the checkout builds
-    #[arg(long, value_name = "ELF", requires = "board")]
+    #[arg(long, value_name = "ELF", requires = "board", conflicts_with = "port")]
     pub firmware: Option<PathBuf>,
 
     /// Writes a page in Markdown, for a bug report
@@ -181,7 +186,8 @@ fn examined(
     let parts = Parts::of(&declared, drives);
     let examination = Examination::new(robot, info, parts, baud);
     let findings = examination.carry_out(eyes);
-    if had_mission {
+    let lost = |error: &CommandError| has_lost_robot(error) || is_taken_over(error);
+    if had_mission && !findings.as_ref().is_err_and(lost) {
         console.note("the robot is stopped, and has its own mission: `esm start` starts it");
     }
     findings
