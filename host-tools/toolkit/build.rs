@@ -84,13 +84,17 @@ fn board(files: &BoardFiles, settings: &Settings) -> String {
     // Values are written as in Rust.
     let _ = write!(
         item,
-        " }}, firmware: Some(Firmware {{ target: {}, bin: {}, runner: {}, flash: Flash {{ origin: {}, bytes: {}, erase_bytes: {} }} }}), flashing: ",
+        " }}, firmware: Some(Firmware {{ target: {}, bin: {}, runner: {}, flash: Flash {{ origin: {}, bytes: {}, erase_bytes: {} }}, stack_bytes: {} }}), flashing: ",
         value("", "target"),
         value("", "firmware"),
         value("runner", "command"),
         value("flash", "origin"),
         value("flash", "bytes"),
-        value("flash", "erase_bytes")
+        value("flash", "erase_bytes"),
+        match settings.get(&key("limits", "stack_bytes")) {
+            Some(bytes) => format!("Some({bytes})"),
+            None => "None".to_owned(),
+        }
     );
     item += &match settings.contains_key(&key("flashing", "uf2_family")) {
         true => format!("Some({}), interpreter: ", flashing(value)),

@@ -579,8 +579,8 @@ fn playground(stock: &Path) -> tempfile::TempDir {
 }
 
 /// Commands of the book that end as they are meant to, and not with 0: a run whose button is
-/// pressed, or whose robot is left alone, and a difference that was found.
-const ENDS_WITH_1: [&str; 2] = ["--estop '", "--cut-link '"];
+/// pressed, or whose robot is left alone, and a fault that was planted and is found.
+const ENDS_WITH_1: [&str; 3] = ["--estop '", "--cut-link '", "--fault "];
 
 /// Runs `esm` as a page shows it, in a folder; what is wrong with it. What needs a robot is given a
 /// port that is none, and must get so far as to say so.

@@ -171,6 +171,16 @@ const CAMPAIGNS: &[Campaign] = &[
         hogs: 0,
     },
     Campaign {
+        name: "selftest",
+        what: "all pairs of twelve planted faults on each board of QEMU: `esm selftest` finds both (6 min)",
+        package: "esm-tests",
+        target: &["--test", "selftest"],
+        tests: "any_two_faults",
+        settings: &[("ESM_SELFTEST_PAIRS", "1")],
+        needs_firmware: true,
+        hogs: 0,
+    },
+    Campaign {
         name: "repeatable",
         what: "1,000 runs with uploads on each board, half of them warm, while four threads keep the processor busy: all leave the same bytes (90 min)",
         package: "esm-tests",

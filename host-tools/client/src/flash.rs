@@ -91,6 +91,8 @@ struct Cells {
     operations: u64,
     cut: Option<PowerCut>,
     is_off: bool,
+    /// What takes no write and no erase any more.
+    worn: Vec<Range<usize>>,
 }
 
 impl Flash {
@@ -156,6 +158,7 @@ impl Flash {
                     operations: 0,
                     cut: None,
                     is_off: false,
+                    worn: Vec::new(),
                 }),
                 Condvar::new(),
             )),
@@ -208,6 +211,11 @@ impl Flash {
         if let Some(cell) = self.lock().cells.get_mut(address) {
             *cell ^= bits;
         }
+    }
+
+    /// From now on these bytes take no write and no erase: each is an error, and changes nothing.
+    pub fn wear_out(&self, bytes: Range<usize>) {
+        self.lock().worn.push(bytes);
     }
 
     /// The reply to a request, whose bytes to write are `written`; `None` where power has failed.
@@ -294,6 +302,10 @@ impl Cells {
         range: Range<usize>,
         goal: impl Fn(usize) -> u8,
     ) -> Result<(), NorFlashErrorKind> {
+        let is_worn = |worn: &Range<usize>| worn.start < range.end && range.start < worn.end;
+        if self.worn.iter().any(is_worn) {
+            return Err(NorFlashErrorKind::Other);
+        }
         let (start, half) = (range.start, range.len() / 2);
         let cut = self.cut.filter(|cut| cut.operation == self.operations);
         let tear = cut.map_or(Tear::Whole, |cut| cut.tear);
@@ -452,6 +464,27 @@ mod tests {
         assert_eq!(flash.write(8, &[1; 8]), Ok(()));
         assert_eq!(flash.cells()[7..17], [0xFF, 1, 1, 1, 1, 1, 1, 1, 1, 0xFF]);
         assert_eq!(flash.operations(), 3);
+    }
+
+    #[test]
+    fn what_is_worn_out_takes_nothing_and_is_read_as_it_is() {
+        let mut flash = Flash::blank(3072);
+        assert_eq!(flash.write(1024, &[7; 8]), Ok(()));
+        flash.wear_out(1024..2048);
+        assert_eq!(flash.write(1032, &[0; 8]), Err(NorFlashErrorKind::Other));
+        assert_eq!(flash.erase(0, 2048), Err(NorFlashErrorKind::Other));
+        assert_eq!(flash.erase(0, 1024), Ok(()));
+        flash.wear_out(0..1);
+        assert_eq!(flash.erase(0, 1024), Err(NorFlashErrorKind::Other));
+        assert_eq!(flash.write(2048, &[0; 8]), Ok(()));
+        let mut bytes = [0; 16];
+        assert_eq!(flash.read(1024, &mut bytes), Ok(()));
+        assert_eq!(
+            bytes,
+            [
+                7, 7, 7, 7, 7, 7, 7, 7, 255, 255, 255, 255, 255, 255, 255, 255
+            ]
+        );
     }
 
     #[test]

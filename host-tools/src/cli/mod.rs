@@ -62,6 +62,7 @@ pub mod run;
 pub mod schedule;
 pub mod script;
 pub mod seeds;
+pub mod selftest;
 mod sensors;
 pub mod sim;
 pub mod stage;
@@ -147,6 +148,7 @@ pub enum Command {
     New(new::NewArgs),
     Replay(replay::ReplayArgs),
     Odometry(odometry::OdometryArgs),
+    Selftest(Box<selftest::SelftestArgs>),
     Tune(tune::TuneArgs),
     Umbmark(umbmark::UmbmarkArgs),
     Record(record::RecordArgs),
@@ -250,6 +252,7 @@ pub fn execute(
         Command::New(args) => new::execute(args, console),
         Command::Replay(args) => replay::execute(args, console),
         Command::Odometry(args) => odometry::execute(args, console),
+        Command::Selftest(args) => selftest::execute(args, robot, console),
         Command::Tune(args) => tune::execute(args, robot, console),
         Command::Umbmark(args) => umbmark::execute(args, robot, console),
         Command::Record(args) => record::execute(args, robot, console),

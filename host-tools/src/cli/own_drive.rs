@@ -29,7 +29,15 @@ pub const ROVER: &str = include_str!("../../shipped/missions/rover.esm");
 /// # Errors
 /// If it does not compile.
 pub fn compiled(name: &str, text: &str) -> Result<Mission, CommandError> {
-    let mut checked = lang::load_texts(&[(name, text), ("rover.esm", ROVER)]);
+    compiled_with(name, text, ("rover.esm", ROVER))
+}
+
+/// The same of a text that takes in tasks as a file of that name and text.
+///
+/// # Errors
+/// If it does not compile.
+pub fn compiled_with(name: &str, text: &str, tasks: (&str, &str)) -> Result<Mission, CommandError> {
+    let mut checked = lang::load_texts(&[(name, text), tasks]);
     let blob = mission::lay_out_and_compile(&mut checked, None, NameTable::Kept)?;
     let defect = || CommandError::Input(anyhow!("{}", checked.render(false)));
     let blob = blob.ok_or_else(defect)?;

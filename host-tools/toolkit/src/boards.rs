@@ -38,6 +38,8 @@ pub struct Firmware {
     pub runner: &'static str,
     /// Its flash.
     pub flash: Flash,
+    /// Bytes of RAM that are meant for the stack, where that is said.
+    pub stack_bytes: Option<u32>,
 }
 
 /// A board's flash.

@@ -45,6 +45,7 @@ pub mod samples;
 pub mod scenario;
 pub mod schedule;
 pub mod script;
+pub mod selftest;
 pub mod sim;
 pub mod story;
 pub mod streams;

@@ -9,7 +9,7 @@ use super::pace::Pace;
 use crate::flash::Flash;
 use esm_toolkit::plant::behind_pins::{BehindPins, PlantBehindPins};
 pub use esm_toolkit::plant::behind_pins::{PlantFault, SonarBreak};
-use esm_toolkit::plant::{Plant, Pulse, RecordedRanges};
+use esm_toolkit::plant::{Plant, Pulse, RecordedRanges, WiringFault};
 
 /// A plant behind a board's pins, shared by the thread that answers the board and the one that
 /// watches.
@@ -49,6 +49,16 @@ impl PlantSide {
     /// Breaks these sonars, each at its time.
     pub fn break_sonars(&self, breaks: Vec<SonarBreak>) {
         self.lock().break_sonars(breaks);
+    }
+
+    /// Wires something of the body as it should not be.
+    pub fn miswire(&self, fault: WiringFault) {
+        self.lock().miswire(fault);
+    }
+
+    /// How far the wheels have turned forwards since the start, left and right, in radians.
+    pub fn wheels_turned_rad(&self) -> [f64; 2] {
+        self.lock().plant().wheels_turned_rad()
     }
 
     /// Lets the sonars measure what was recorded. Where that ends, the time of interest does,

@@ -29,6 +29,7 @@ pub(crate) fn about(board: &boards::Board) -> boards::Firmware {
             bytes: 0,
             erase_bytes: 1,
         },
+        stack_bytes: None,
     })
 }
 

@@ -1,5 +1,6 @@
 //! A board of either kind, from its name to its line.
 
+use std::ops::Range;
 use std::path::PathBuf;
 
 use embedded_storage::nor_flash::NorFlash;
@@ -97,6 +98,15 @@ impl Board {
     /// Bytes of its flash for missions.
     pub fn flash_bytes(&self) -> u32 {
         flash_store::flash_bytes(self.blob_bytes(), self.erase_bytes())
+    }
+
+    /// Where in its flash the second copy of its records is.
+    pub fn second_records(&self) -> Range<usize> {
+        let erase_bytes = self.erase_bytes();
+        let mission = flash_store::bank_bytes(self.blob_bytes(), erase_bytes);
+        let records = flash_store::bank_bytes(flash_store::RECORD_BYTES as u32, erase_bytes);
+        let from = (2 * mission + records) as usize;
+        from..from + records as usize
     }
 
     /// A flash without missions, for a run: a robot that has one of its own waits for the run's.

@@ -7,6 +7,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`clock`] | by which time bytes come: the wall's, or a simulation's |
+//! | [`crystal`] | a simulated robot whose clock is not what it should be |
 //! | [`port`] | what a person writes: a path, `unix:PATH`, `tcp:HOST:PORT` |
 //! | [`noise`] | a bad line, repeatable |
 //! | [`pacing`] | a link slowed down to the rate of a real line |
@@ -17,6 +18,7 @@
 
 mod byte_link;
 pub mod clock;
+pub mod crystal;
 pub mod noise;
 pub mod pacing;
 pub mod pipe;

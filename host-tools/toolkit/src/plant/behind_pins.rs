@@ -3,9 +3,9 @@
 
 use rt_firmware::body::{Reply, Request};
 
-use super::Plant;
 use super::recorded::RecordedRanges;
 use super::sonar::SonarFault;
+use super::{Plant, WiringFault};
 
 /// What is behind the pins of a board that has none of its own.
 pub trait BehindPins {
@@ -77,6 +77,11 @@ impl PlantBehindPins {
     /// Breaks these sonars, each at its time.
     pub fn break_sonars(&mut self, breaks: Vec<SonarBreak>) {
         self.breaks = breaks;
+    }
+
+    /// Wires something of the body as it should not be.
+    pub fn miswire(&mut self, fault: WiringFault) {
+        self.plant.miswire(fault);
     }
 
     /// Lets the sonars measure what was recorded. Where that ends, the time of interest does,

@@ -43,6 +43,11 @@ pub(super) struct Wheel {
 }
 
 impl Wheel {
+    /// How far it has turned since the start, forwards positive.
+    pub fn angle_rad(&self) -> f64 {
+        self.angle_rad
+    }
+
     /// Turns the wheel for one step and returns the current that the motor takes from the battery,
     /// in amperes.
     fn turn(

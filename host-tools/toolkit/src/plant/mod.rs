@@ -34,6 +34,7 @@ mod sonar;
 mod statistics;
 mod touch;
 pub mod variation;
+mod wiring;
 
 use rt_firmware::body::{
     ADC_FULL_SCALE, ANALOG_CHANNELS, Actuators, FULL_DUTY, Reply, Request, SONARS, Sensors,
@@ -49,6 +50,7 @@ pub use recorded::{RecordedRanges, TableError};
 pub use sonar::{PATIENCE_US, Pulse, SonarFault};
 pub use statistics::{PathSample, Statistics};
 pub use touch::{Encounter, Touch, Touched};
+pub use wiring::WiringFault;
 
 use crate::world::{Person, World};
 use drive::{Drive, STEP_US};
@@ -56,6 +58,7 @@ use gyro::Gyro;
 use obstacles::Obstacles;
 use recorded::Feed;
 use sonar::Sonars;
+use wiring::Wiring;
 
 /// The farthest that one call may advance a plant, in microseconds. A request for more (only a
 /// broken board sends one) advances by this.
@@ -118,6 +121,7 @@ pub struct Plant {
     drive: Drive,
     sonars: Sonars,
     gyro: Gyro,
+    wiring: Wiring,
     aux_outputs: u8,
     now_us: u64,
     statistics: Statistics,
@@ -162,6 +166,7 @@ impl Plant {
             drive,
             sonars: Sonars::new(body.sonar),
             gyro: Gyro::new(body.gyro, pose.heading_rad),
+            wiring: Wiring::default(),
             aux_outputs: 0,
             now_us: 0,
             statistics,
@@ -195,8 +200,8 @@ impl Plant {
     /// Puts new levels on the body's inputs, from now on.
     pub fn apply(&mut self, actuators: &Actuators) {
         let share = |duty: i16| (f64::from(duty) / f64::from(FULL_DUTY)).clamp(-1.0, 1.0);
-        self.drive.left.duty = share(actuators.left_duty);
-        self.drive.right.duty = share(actuators.right_duty);
+        let duties = [actuators.left_duty, actuators.right_duty].map(share);
+        [self.drive.left.duty, self.drive.right.duty] = self.wiring.duties(duties);
         self.aux_outputs = actuators.aux_outputs;
         let Drive {
             pose, obstacles, ..
@@ -208,6 +213,16 @@ impl Plant {
     /// on.
     pub fn break_sonar(&mut self, sonar: usize, fault: SonarFault) {
         self.sonars.break_sonar(sonar, fault);
+    }
+
+    /// Wires something of the body as it should not be, from now on.
+    pub fn miswire(&mut self, fault: WiringFault) {
+        self.wiring.add(fault);
+    }
+
+    /// How far the wheels have turned forwards since the start, left and right, in radians.
+    pub fn wheels_turned_rad(&self) -> [f64; 2] {
+        [self.drive.left.angle_rad(), self.drive.right.angle_rad()]
     }
 
     /// From now on the sonars measure what was recorded, and nothing of the world: column *i* of
@@ -225,15 +240,18 @@ impl Plant {
     /// What the body's outputs read now.
     pub fn sensors(&self) -> Sensors {
         let (echo_us, echo_high) = self.sonars.echoes(self.now_us);
+        let wheels = [&self.drive.left, &self.drive.right];
+        let [left_count, right_count] =
+            (self.wiring).counts(wheels.map(|wheel| self.drive.encoder_count(wheel)));
         Sensors {
-            left_count: self.drive.encoder_count(&self.drive.left),
-            right_count: self.drive.encoder_count(&self.drive.right),
+            left_count,
+            right_count,
             echo_us,
             echo_high,
             adc_counts: self.adc_counts(),
             stop_is_low: false,
             bumper_is_low: self.drive.bumpers_pushed(),
-            yaw_counts: self.gyro.counts(),
+            yaw_counts: self.wiring.yaw_counts(self.gyro.counts()),
         }
     }
 
@@ -265,7 +283,7 @@ impl Plant {
         let [left, middle, right] =
             (self.body.floor).counts(self.drive.pose, &self.world.lines, &self.noise, self.now_us);
         [
-            battery_counts,
+            self.wiring.battery_counts(battery_counts),
             level(self.drive.in_contact),
             self.drive.current_a / CURRENT_FULL_SCALE_A * full_scale,
             level(self.aux_outputs & 1 != 0),
