@@ -829,6 +829,74 @@ fn meaning(tasks: &str, mission: &str, from: &str, to: &str) -> String {
 }
 
 #[test]
+fn links_and_frames_are_completed_renamed_and_outlined() {
+    const RADIO: &str = "interpreter slot 1;
+slot 1 period 10 ms duration 1 ms;
+slot 2 period 10 ms duration 1 ms;
+link radio rate 9600 bps;
+frame alarm 1 out on radio flags lost, low payload 1 bytes period 100 ms;
+frame pose 2 in on radio: Pose payload 12 bytes period 100 ms;
+machine M {
+    region s {
+        task Send: radio.transmit slot 2;
+        initial -> Send / set .lost;
+    }
+    region r {
+        task Take: radio.receive slot 2;
+        state Late;
+        initial -> Take;
+        Take -> Late [.pose_delayed or .errors];
+        Late -> Take [timeout];
+    }
+}
+";
+    let mut editor = Editor::new(&[("radio.esm", RADIO)]);
+    editor.open("radio.esm", RADIO);
+    for (pattern, expected) in [
+        ("link radio |rate", &["rate"][..]),
+        ("frame alarm 1 |out", &["in", "out"]),
+        ("out on |radio", &["radio"]),
+        ("task Send: radio.|transmit", &["transmit", "receive"]),
+        ("/ set .|lost", &["lost", "low"]),
+        (
+            "[.|pose_delayed",
+            &["pose_available", "pose_delayed", "errors"],
+        ),
+    ] {
+        assert_eq!(
+            editor.labels("radio.esm", RADIO, pattern),
+            expected,
+            "{pattern}"
+        );
+    }
+    for (pattern, old, new) in [
+        ("frame |pose", "pose", "place"),
+        ("[.|pose_delayed", "pose", "place"),
+        ("link |radio", "radio", "line"),
+        ("flags |lost", "lost", "gone"),
+    ] {
+        let mut at = editor.at("radio.esm", RADIO, pattern);
+        at["newName"] = json!(new);
+        let found = editor.request("textDocument/rename", at);
+        let edits = &found["changes"][&editor.uri("radio.esm")];
+        let changed = edited(RADIO, edits);
+        assert_eq!(changed, RADIO.replace(old, new), "{pattern}");
+    }
+    let uri = json!({ "textDocument": { "uri": editor.uri("radio.esm") } });
+    let symbols = editor.request("textDocument/documentSymbol", uri);
+    let names: Vec<&str> = symbols
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|symbol| symbol["name"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["1", "2", "radio", "alarm", "pose", "M"]);
+    let hover = editor.at("radio.esm", RADIO, "[.|pose_delayed");
+    let hover = editor.request("textDocument/hover", hover).to_string();
+    assert!(hover.contains("frame pose 2 in on radio: Pose"), "{hover}");
+}
+
+#[test]
 fn a_name_is_changed_everywhere_and_nothing_else_is() {
     let mission = mission();
     let mut editor = Editor::new(&[("tasks.esm", TASKS), ("mission.esm", &mission)]);

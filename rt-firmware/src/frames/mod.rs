@@ -19,6 +19,8 @@ mod off;
 mod on;
 #[cfg(feature = "links")]
 mod table;
+#[cfg(all(test, feature = "links"))]
+mod tests;
 #[cfg(feature = "links")]
 mod values;
 

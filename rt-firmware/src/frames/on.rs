@@ -115,6 +115,26 @@ impl FrameLists<'_> {
         }
     }
 
+    /// Lists of one link, for tests.
+    #[cfg(test)]
+    pub(super) fn of(link: LinkEntry, frames: &mut [FrameEntry]) -> FrameLists<'_> {
+        let count = frames.len();
+        let mut links = [LinkEntry::default(); LINKS];
+        links[0] = link;
+        FrameLists {
+            links,
+            frames,
+            count,
+            origin_us: 0,
+        }
+    }
+
+    /// Number of the last occurrence of a frame that was received.
+    #[cfg(test)]
+    pub(super) fn last_number(&self, frame: usize) -> Option<u8> {
+        self.frames[frame].state.get().occurrences.last()
+    }
+
     /// The device that serves a dispatcher.
     pub(crate) fn device_of(dispatcher: u8) -> usize {
         usize::from(dispatcher / 2)
@@ -122,9 +142,26 @@ impl FrameLists<'_> {
 
     /// The state of a dispatcher was entered in a macro step at this time.
     pub(crate) fn enter(&mut self, dispatcher: u8, robot_us: u64) {
-        if let Some(link) = self.links.get_mut(Self::device_of(dispatcher)) {
+        if let Some(link) = self.receiver(dispatcher) {
+            // What came while another state received is not lost.
+            if link.left_us != Some(robot_us) {
+                link.listens_us = robot_us;
+            }
             link.entered_us = robot_us;
         }
+    }
+
+    /// It was left.
+    pub(crate) fn leave(&mut self, dispatcher: u8, robot_us: u64) {
+        if let Some(link) = self.receiver(dispatcher) {
+            link.left_us = Some(robot_us);
+        }
+    }
+
+    /// The link of a dispatcher, if that receives.
+    fn receiver(&mut self, dispatcher: u8) -> Option<&mut LinkEntry> {
+        let link = self.links.get_mut(Self::device_of(dispatcher));
+        link.filter(|_| dispatcher % 2 == 1)
     }
 
     /// Executes a dispatcher once.
@@ -279,12 +316,12 @@ fn receive(
         }
     }
     if let Some(device) = device {
-        let entered_us = link.entered_us;
+        let listens_us = link.listens_us;
         device.receive(
             at.robot_us,
             &Received(received),
             &mut |arrived, arrived_us| {
-                if arrived_us <= entered_us {
+                if arrived_us <= listens_us {
                     // No state was there to receive it.
                     return;
                 }

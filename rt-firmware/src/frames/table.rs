@@ -95,6 +95,10 @@ pub(crate) struct LinkEntry {
     pub(super) times: (u32, u32, u16),
     /// When its state that receives was entered.
     pub(super) entered_us: u64,
+    /// Since when some state has received, without a break.
+    pub(super) listens_us: u64,
+    /// When a state that receives was left last.
+    pub(super) left_us: Option<u64>,
     /// The task instance that receives, which `available` and `errors` are flags of.
     pub(super) receiver: u16,
     /// The flag `errors`, and whether it is set.

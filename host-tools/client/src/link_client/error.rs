@@ -253,6 +253,10 @@ pub fn refusal_with_names(error: LinkError, task_name: impl Fn(usize) -> Option<
         LinkError::Invalid(refusal) => {
             format!("the mission is no valid blob ({refusal:?}); build it again")
         }
+        LinkError::UnknownTask { task: index } if task(index).contains('.') => format!(
+            "its firmware was built without links, and {} is the dispatcher of one",
+            task(index)
+        ),
         LinkError::UnknownTask { task: index } => format!(
             "its firmware lacks {}; `esm tasks` lists what it has",
             task(index)

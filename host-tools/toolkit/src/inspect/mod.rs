@@ -8,6 +8,7 @@ pub mod changes;
 mod flags;
 mod guard;
 pub mod guards;
+mod links;
 mod names;
 mod reader;
 pub mod refusal;
@@ -27,7 +28,8 @@ use reader::{Reader, readable};
 
 use crate::superstates::superstates;
 
-pub(crate) use source::link_name;
+pub(crate) use links::name as link_name;
+pub use links::{FrameRow, LinkRow};
 pub use source::{NoSource, source};
 
 /// Bytes of a transition, and of a record of its guard or actions.
@@ -102,6 +104,8 @@ pub struct Report {
     pub task_states: Vec<TaskStateRow>,
     /// The nets.
     pub nets: Vec<NetRow>,
+    /// The links.
+    pub links: Vec<LinkRow>,
 }
 
 /// A slot.
@@ -258,6 +262,7 @@ impl Reader<'_> {
                 .collect(),
             container_tables: self.containers(),
             nets: self.nets(&task_states),
+            links: links::rows(tables),
             task_states,
             counts,
         }

@@ -118,6 +118,39 @@ impl Display for Report {
             }
             write!(f, "\nnets\n{rows}")?;
         }
+        for link in &self.links {
+            let mut rows = Columns::new([
+                "frame",
+                "id",
+                "",
+                "carries",
+                "bytes",
+                "period us",
+                "start us",
+                "late us",
+            ]);
+            let number = |us: Option<u32>| us.map_or_else(String::new, |us| us.to_string());
+            for frame in &link.frames {
+                rows.rows.push([
+                    frame.frame.clone(),
+                    frame.id.to_string(),
+                    frame.direction.to_owned(),
+                    match &frame.type_name {
+                        Some(type_name) => type_name.clone(),
+                        None => format!("flags {}", frame.flags.join(", ")),
+                    },
+                    frame.payload_bytes.to_string(),
+                    frame.period_us.to_string(),
+                    number(frame.start_us),
+                    number(frame.late_us),
+                ]);
+            }
+            write!(
+                f,
+                "\nlink {}, {} bits a second, {} bits a byte, header {} bytes, gap {} us\n{rows}",
+                link.link, link.rate_bps, link.bits, link.header_bytes, link.gap_us
+            )?;
+        }
         Ok(())
     }
 }

@@ -11,7 +11,7 @@ use lsp_types::{
 };
 
 use crate::lang::lexer::{Lexer, Token, TokenKind as T, docs_text};
-use crate::lang::tree::{self, Name, State, StateKind};
+use crate::lang::tree::{self, FrameContent, Given, Name, State, StateKind};
 use crate::model::{Direction, Span};
 
 use super::sets::Set;
@@ -201,7 +201,37 @@ impl<'c> Context<'c> {
                 "task",
                 "container",
                 "machine",
+                "link",
+                "frame",
             ]),
+            [T::Link, T::Identifier] => items.words(&["rate"]),
+            [T::Link, .., T::Integer] if self.word(-2) == Some("rate") => items.words(&["bps"]),
+            [T::Link, .., T::Integer] if self.word(-2) == Some("header") => {
+                items.words(&["bytes"]);
+            }
+            [T::Link, .., T::Integer] if self.word(-2) == Some("gap") => {
+                items.words(&["us", "ms", "s"]);
+            }
+            [T::Link, _, _, ..] => items.words(&["header", "gap", "bits"]),
+            [T::Frame, T::Identifier, T::Integer] => items.words(&["in", "out"]),
+            [T::Frame, .., T::In | T::Out] => items.words(&["on"]),
+            [T::Frame, .., T::On] => {
+                for link in self.links() {
+                    if let Some(name) = link.name {
+                        let docs = self.docs(link.docs);
+                        items.add_described(self.text(name), Kind::INTERFACE, "link", docs);
+                    }
+                }
+            }
+            [T::Frame, _, _, _, T::On, T::Identifier] => items.words(&["flags"]),
+            [T::Frame, .., T::Integer] if self.word(-2) == Some("payload") => {
+                items.words(&["bytes"]);
+            }
+            [T::Frame, .., T::Integer] if self.word(-2) == Some("rate") => items.words(&["Hz"]),
+            [T::Frame, .., T::Integer] => items.words(&["us", "ms", "s"]),
+            [T::Frame, _, _, _, T::On, T::Identifier, _, ..] => {
+                items.words(&["payload", "period", "rate", "late"]);
+            }
             [T::Interpreter] => items.words(&["slot"]),
             [T::Interpreter, T::Slot] => self.slots(items),
             [T::Slot, T::Integer] => items.words(&["period", "rate"]),
@@ -392,6 +422,15 @@ impl<'c> Context<'c> {
                         items.add_described(self.text(name), Kind::FUNCTION, "task", docs);
                     }
                 }
+                for link in self.links() {
+                    if let Some(name) = link.name {
+                        let docs = self.docs(link.docs);
+                        items.add_described(self.text(name), Kind::INTERFACE, "link", docs);
+                    }
+                }
+            }
+            [T::Task, T::Identifier, T::Colon, T::Identifier, T::Dot] => {
+                items.words(&["transmit", "receive"]);
             }
             [T::Super, T::Identifier, T::Colon] => {
                 let containers = self.containers().filter(|container| !container.is_machine);
@@ -512,6 +551,14 @@ impl<'c> Context<'c> {
 
     /// Flags of a state in one direction.
     fn flags(&self, state: Option<&State>, direction: Direction, sign: &str, items: &mut Items) {
+        if let Some(StateKind::Task {
+            task: Some(link),
+            dispatcher: Given::Value((of, _)),
+            ..
+        }) = state.map(|state| &state.kind)
+        {
+            return self.flags_of_dispatcher(self.text(*link), *of, direction, sign, items);
+        }
         let ports = state.and_then(|state| self.ports(state));
         for flag in ports.into_iter().flat_map(|ports| ports.flags) {
             if let (Some(name), Some(given)) = (flag.name, flag.direction)
@@ -521,6 +568,50 @@ impl<'c> Context<'c> {
                 let docs = self.docs(flag.docs);
                 items.add_described(label, Kind::VARIABLE, "flag of the state", docs);
             }
+        }
+    }
+
+    /// Flags of a dispatcher, which follow from its frames.
+    fn flags_of_dispatcher(
+        &self,
+        link: &str,
+        of: Direction,
+        direction: Direction,
+        sign: &str,
+        items: &mut Items,
+    ) {
+        let is_sent = of == Direction::Out;
+        let mut add = |flag: &str, frame: &str| {
+            let detail = format!("flag of frame `{frame}`");
+            items.add(format!("{sign}{flag}"), Kind::VARIABLE, &detail);
+        };
+        let trees = self.set.checked.trees().iter();
+        let frames = trees.flat_map(|file| &file.frames).filter(|frame| {
+            let on = frame.link.map(|name| self.text(name));
+            on == Some(link) && frame.direction == Some(of)
+        });
+        for frame in frames {
+            let Some(name) = frame.name.map(|name| self.text(name)) else {
+                continue;
+            };
+            if let Given::Value(FrameContent::Flags(flags)) = &frame.content
+                && (direction == Direction::In) == is_sent
+            {
+                flags.iter().for_each(|flag| add(self.text(*flag), name));
+            }
+            if direction == Direction::Out {
+                let by_itself: &[&str] = if is_sent {
+                    &["full"]
+                } else {
+                    &["available", "delayed"]
+                };
+                for what in by_itself {
+                    add(&format!("{name}_{what}"), name);
+                }
+            }
+        }
+        if direction == Direction::Out && !is_sent {
+            items.add(format!("{sign}errors"), Kind::VARIABLE, "flag of the link");
         }
     }
 
@@ -582,6 +673,10 @@ impl<'c> Context<'c> {
 
     fn tasks(&self) -> impl Iterator<Item = &'c tree::Task> + use<'c> {
         self.set.checked.trees().iter().flat_map(|file| &file.tasks)
+    }
+
+    fn links(&self) -> impl Iterator<Item = &'c tree::Link> + use<'c> {
+        self.set.checked.trees().iter().flat_map(|file| &file.links)
     }
 
     fn containers(&self) -> impl Iterator<Item = &'c tree::Container> + use<'c> {

@@ -3,7 +3,7 @@
 use lsp_types::{DocumentSymbol, FoldingRange, FoldingRangeKind, SymbolKind};
 
 use crate::lang::lexer::{Comments, Lexer, TokenKind as T};
-use crate::lang::tree::{self, Name, State, StateKind};
+use crate::lang::tree::{self, FrameContent, Given, Name, State, StateKind};
 use crate::model::Span;
 
 use super::sets::{Set, end_of_item};
@@ -18,6 +18,8 @@ const MAX_FOLDS: usize = 20_000;
 #[derive(Clone, Copy)]
 pub(super) enum Declared<'t> {
     Slot(&'t tree::Slot),
+    Link(&'t tree::Link),
+    Frame(&'t tree::Frame),
     Task(&'t tree::Task),
     Container(&'t tree::Container),
     Region(&'t tree::Region),
@@ -34,6 +36,8 @@ impl Declared<'_> {
     pub(super) fn start(&self) -> Option<u32> {
         Some(match self {
             Declared::Slot(slot) => slot.span.start,
+            Declared::Link(link) => link.span.start,
+            Declared::Frame(frame) => frame.span.start,
             Declared::Task(task) => task.span.start,
             Declared::Container(container) => container.span.start,
             Declared::Region(region) => region.span.start,
@@ -49,6 +53,8 @@ impl Declared<'_> {
     pub(super) fn docs(&self) -> Option<Span> {
         match self {
             Declared::Slot(slot) => slot.docs,
+            Declared::Link(link) => link.docs,
+            Declared::Frame(frame) => frame.docs,
             Declared::Task(task) => task.docs,
             Declared::Container(container) => container.docs,
             Declared::Region(region) => region.docs,
@@ -68,6 +74,18 @@ pub(super) fn declared(file: &tree::File, span: Span) -> Option<Declared<'_>> {
     let number = |number: Option<tree::Number>| number.is_some_and(|number| number.span == span);
     if let Some(slot) = file.slots.iter().find(|slot| number(slot.number)) {
         return Some(Declared::Slot(slot));
+    }
+    if let Some(link) = file.links.iter().find(|link| is(link.name)) {
+        return Some(Declared::Link(link));
+    }
+    for frame in &file.frames {
+        let is_flag = match &frame.content {
+            Given::Value(FrameContent::Flags(flags)) => flags.iter().any(|flag| is(Some(*flag))),
+            _ => false,
+        };
+        if is_flag || is(frame.name) {
+            return Some(Declared::Frame(frame));
+        }
     }
     for task in &file.tasks {
         if is(task.name) {
@@ -185,6 +203,14 @@ pub(super) fn symbols(set: &Set, file: u32) -> Vec<DocumentSymbol> {
         symbol(set, number, slot.span, SymbolKind::NUMBER, "slot")
     });
     symbols.extend(slots);
+    let links = tree.links.iter().take(MAX_SYMBOLS);
+    let links =
+        links.filter_map(|link| symbol(set, link.name?, link.span, SymbolKind::INTERFACE, "link"));
+    symbols.extend(links);
+    let frames = tree.frames.iter().take(MAX_SYMBOLS);
+    let frames = frames
+        .filter_map(|frame| symbol(set, frame.name?, frame.span, SymbolKind::STRUCT, "frame"));
+    symbols.extend(frames);
     symbols.sort_by_key(|symbol| symbol.range.start);
     symbols
 }

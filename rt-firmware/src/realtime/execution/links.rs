@@ -70,6 +70,16 @@ pub(super) fn enter(execution: &mut Execution<'_, '_>, instance: u16, robot_us: 
     }
 }
 
+/// A task state was left in a macro step at this time.
+pub(super) fn leave(execution: &mut Execution<'_, '_>, instance: u16, robot_us: u64) {
+    let lists = &mut execution.tasks.lists;
+    if let Some(record) = lists.tasks.get(usize::from(instance))
+        && record.dispatcher != NO_DISPATCHER
+    {
+        lists.frames.leave(record.dispatcher, robot_us);
+    }
+}
+
 /// A macro step has seen the flags that are true for one.
 pub(in super::super) fn clear_seen(execution: &mut Execution<'_, '_>, mission: &mut Mission<'_>) {
     let frames = &mut execution.tasks.lists.frames;

@@ -503,5 +503,7 @@ impl Observer for StepObserver<'_, '_, '_> {
 
     fn disabled(&mut self, task_instance: u16) {
         self.execution.tasks.disable(task_instance);
+        #[cfg(feature = "links")]
+        links::leave(self.execution, task_instance, self.robot_us);
     }
 }

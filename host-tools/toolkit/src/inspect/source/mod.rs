@@ -12,7 +12,6 @@
 //! the blob of any source, and then [`NoSource`] says why.
 
 mod events;
-mod links;
 mod order;
 mod ports;
 #[cfg(test)]
@@ -23,8 +22,6 @@ mod tree;
 use esm_core::Verified;
 use esm_core::format::WINDOW_FLAGS;
 use esm_core::tables::{self, Code, State, StateKind};
-
-pub(crate) use links::name as link_name;
 
 use super::flags::Flag;
 use super::guard::Written;

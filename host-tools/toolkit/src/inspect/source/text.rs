@@ -9,14 +9,18 @@ use esm_core::signature::{Direction, Port, Signature};
 use esm_core::tables::{Region, StateKind, Task, TaskState};
 
 use super::events::Listed;
-use super::links;
 use super::ports::{End, Path, Wiring};
 use super::{NoSource, Reader};
+use crate::inspect::links::{self, FrameRow, LinkRow};
 use crate::inspect::names::Names;
 use crate::inspect::reader::readable;
 
 /// The capacity of the event queue where nothing is said.
 const DEFAULT_QUEUE: usize = 32;
+
+/// What a link has where nothing is said.
+const DEFAULT_HEADER_BYTES: u32 = 4;
+const DEFAULT_BITS: u32 = 10;
 
 /// What was worked out for the containers and regions of a blob, by their numbers.
 pub(super) struct Parts {
@@ -54,9 +58,7 @@ pub(super) fn write(
     };
     writer.head(blob);
     writer.slots();
-    links::lines(reader)
-        .iter()
-        .for_each(|line| writer.line(line));
+    writer.links();
     writer.tasks()?;
     for container in &parts.containers {
         writer.container(*container)?;
@@ -167,6 +169,16 @@ impl Writer<'_, '_> {
                 time(slot.period_us),
                 time(slot.duration_us)
             ));
+        }
+    }
+
+    fn links(&mut self) {
+        for link in links::rows(&self.reader.tables) {
+            self.line("");
+            self.line(&link_line(&link));
+            for frame in &link.frames {
+                self.line(&frame_line(frame, &link.link));
+            }
         }
     }
 
@@ -473,6 +485,42 @@ impl Writer<'_, '_> {
     }
 }
 
+fn link_line(link: &LinkRow) -> String {
+    let mut line = format!("link {} rate {} bps", link.link, link.rate_bps);
+    if link.header_bytes != DEFAULT_HEADER_BYTES {
+        let _ = write!(line, " header {} bytes", link.header_bytes);
+    }
+    if link.gap_us != 0 {
+        let _ = write!(line, " gap {}", time(link.gap_us));
+    }
+    if link.bits != DEFAULT_BITS {
+        let _ = write!(line, " bits {}", link.bits);
+    }
+    line + ";"
+}
+
+fn frame_line(frame: &FrameRow, link: &str) -> String {
+    let FrameRow {
+        frame: name,
+        id,
+        direction,
+        payload_bytes,
+        ..
+    } = frame;
+    let content = match &frame.type_name {
+        Some(type_name) => format!(": {type_name}"),
+        None => format!(" flags {}", frame.flags.join(", ")),
+    };
+    let period = time(frame.period_us);
+    let late = match frame.late_us {
+        Some(late_us) => format!(" late {}", time(late_us)),
+        None => String::new(),
+    };
+    format!(
+        "frame {name} {id} {direction} on {link}{content} payload {payload_bytes} bytes period {period}{late};"
+    )
+}
+
 fn direction_word(direction: Direction) -> &'static str {
     match direction {
         Direction::In => "in",
@@ -482,7 +530,7 @@ fn direction_word(direction: Direction) -> &'static str {
 }
 
 /// A time in the greatest unit that makes it a whole number.
-pub(super) fn time(us: u32) -> String {
+fn time(us: u32) -> String {
     const US_PER_S: u32 = 1_000_000;
     const US_PER_MS: u32 = 1_000;
     if us > 0 && us.is_multiple_of(US_PER_S) {

@@ -67,13 +67,16 @@ impl<'t> Statement<'t> {
 
     /// Adds a token.
     pub(super) fn token(&mut self, kind: T, text: &'t str) {
-        let is_path = *self.first_token.get_or_insert(kind) == T::Path;
+        let first = *self.first_token.get_or_insert(kind);
+        let is_path = first == T::Path;
+        // Ports of paths, and dispatchers of links.
+        let has_tight_dots = matches!(first, T::Path | T::Task);
         let is_tight = self.last_token.is_none_or(|last| {
             // A comment has blanks on both sides, whatever the tokens want.
             let follows_comment = self.pieces.last().is_some_and(|piece| piece.is_comment);
             stands_tight_before(kind)
                 || !follows_comment && stands_tight_behind(last)
-                || !follows_comment && kind == T::Dot && is_path
+                || !follows_comment && kind == T::Dot && has_tight_dots
         });
         let breaks = match kind {
             _ if self.ends_with_line_comment => Break::Always,

@@ -34,6 +34,14 @@ fn statements_stand_on_lines_of_their_own() {
         ),
         ("machine M{}", "machine M {}\n"),
         (
+            "link radio rate 9600bps gap 1ms;frame a 1 out on radio:A payload 4bytes rate 2Hz;frame b 2 in on radio flags x,y payload 1 bytes period 1s late 2 s;",
+            "link radio rate 9600 bps gap 1 ms;\nframe a 1 out on radio: A payload 4 bytes rate 2 Hz;\nframe b 2 in on radio flags x, y payload 1 bytes period 1 s late 2 s;\n",
+        ),
+        (
+            "machine M{region r{task S:radio . transmit slot 2;S->S[.near];}}",
+            "machine M {\n    region r {\n        task S: radio.transmit slot 2;\n        S -> S [.near];\n    }\n}\n",
+        ),
+        (
             "task T slot 1{in data a:A optional;param x:f32=-1.5 min - 2 max 3;}",
             "task T slot 1 {\n    in data a: A optional;\n    param x: f32 = -1.5 min -2 max 3;\n}\n",
         ),

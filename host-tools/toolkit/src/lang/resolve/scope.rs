@@ -138,10 +138,18 @@ impl<'f, 's> Names<'f, 's> {
         self.references.refer(place, declaration);
     }
 
-    /// Takes down that a name means what it stands for in a scope.
+    /// Takes down that a name means what it stands for in a scope. Of a flag that comes with a frame
+    /// by itself, the frame's name is what it begins with.
     pub(super) fn refer_into(&mut self, scope: &Scope<'f>, name: Name) {
-        if let Some(declaration) = scope.place(self.text(name.0)) {
-            self.refer(name.0, declaration);
+        let text = self.text(name.0);
+        let Some(declaration) = scope.place(text) else {
+            return;
+        };
+        let declared = self.text(declaration);
+        let behind = text.strip_prefix(declared);
+        if behind.is_some_and(|behind| behind.is_empty() || behind.starts_with('_')) {
+            let end = name.0.start + declared.len() as u32;
+            self.refer(Span { end, ..name.0 }, declaration);
         }
     }
 
