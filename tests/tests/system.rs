@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use esm_tests::command::{Done, esm, root};
 use serde_json::Value;
@@ -209,7 +209,7 @@ fn ends_that_differ_are_told_where_the_link_stands() {
             "E008",
             "another period each by frame",
         ),
-        (("rate 115200", "rate 9600"), "E008", "another rate each"),
+        (("rate 115200", "rate 57600"), "E008", "another rate each"),
         (
             ("Ranges payload 42", "Ranges payload 43"),
             "E008",
@@ -278,7 +278,7 @@ fn mistakes_of_missions_are_told_where_they_are() {
 fn what_cannot_be_run_says_what_to_do() {
     let folder = Folder::new();
     let watch = "interpreter slot 1; slot 1 period 10 ms duration 1 ms;\n\
-        machine M { region r { state A; initial -> A; A -> final [false]; } }";
+        machine M { region r { state A; initial -> A; } }";
     folder.write("watch.esm", watch);
     let cases = [
         ("processor a mission \"gone.esm\";", 1, "gone.esm"),
@@ -316,9 +316,10 @@ fn the_emergency_stop_is_heard_by_all() {
     let arguments = [
         "system", "run", ROVER, "--until", "4 s", "--estop", "2 s", "--json",
     ];
-    let figures = esm(&arguments).ended(1).json();
+    let figures = esm(&arguments).good().json();
     for processor in figures["processors"].as_array().unwrap() {
-        assert!(processor["fault"].is_string(), "{figures}");
+        // Nobody steps any more after 2 s, at 20 ms a step.
+        let steps = processor["macro_steps"].as_u64().unwrap();
+        assert!((100..=102).contains(&steps), "{figures}");
     }
-    assert!(Path::new(ROVER).is_relative());
 }
