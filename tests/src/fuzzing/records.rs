@@ -13,7 +13,7 @@ const SECTIONS: usize = Section::ALL.len();
 
 /// Bytes of a record of each section, as [`esm_core::format`] lists them.
 const RECORD_BYTES: [usize; SECTIONS] = [
-    10, 16, 16, 4, 16, 8, 4, 4, 12, 8, 8, 4, 20, 1, 8, 4, 10, 2, 8, 1,
+    10, 16, 16, 4, 16, 8, 4, 4, 12, 8, 8, 4, 20, 1, 8, 4, 10, 2, 8, 1, 16, 28,
 ];
 
 /// Sections in which a changed number often means another machine, and not only a broken one: these
@@ -44,7 +44,11 @@ impl Records {
         let body = blob.get(MAGIC.len()..blob.len().checked_sub(CRC_BYTES)?)?;
         let mut rest = body;
         let mut sections: [Vec<u8>; SECTIONS] = Default::default();
-        for section in &mut sections {
+        for (number, section) in sections.iter_mut().enumerate() {
+            if number == Section::Links as usize && rest.is_empty() {
+                // A mission without links ends here.
+                break;
+            }
             let length = take_varint(&mut rest)?;
             let (content, behind) = rest.split_at_checked(length)?;
             *section = content.to_vec();
@@ -56,7 +60,9 @@ impl Records {
     /// Puts the blob together, with its lengths and its CRC right.
     pub fn seal(&self) -> Vec<u8> {
         let mut blob = MAGIC.to_vec();
-        for section in &self.sections {
+        let (always, links) = self.sections.split_at(Section::Links as usize);
+        let has_links = links.iter().any(|section| !section.is_empty());
+        for section in always.iter().chain(links.iter().filter(|_| has_links)) {
             put_varint(&mut blob, section.len());
             blob.extend_from_slice(section);
         }

@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 
 use super::chance::{Chance, Fate};
 use super::clock::Clock;
-use super::{Cut, PS_IN_S, is_cut};
+use super::plant_time::{Cut, PS_IN_S, is_cut};
 
 /// Bits of an identifier.
 const IDENTIFIER_BITS: u32 = 29;

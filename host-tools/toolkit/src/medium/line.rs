@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use super::chance::{Chance, Fate};
 use super::clock::Clock;
-use super::{Cut, PS_IN_S, is_cut};
+use super::plant_time::{Cut, PS_IN_S, is_cut};
 
 /// Bits of a byte that noise can change.
 const DATA_BITS: u32 = 8;
@@ -92,8 +92,8 @@ impl Line {
         begins_ps
     }
 
-    /// Whether what was given before takes longer than to a time of the sender's clock, by more
-    /// than so many bytes.
+    /// Whether what was given before is still being sent at a time of the sender's clock, and for
+    /// longer than so many bytes take.
     #[must_use]
     pub fn is_behind(&self, start_us: u64, bytes: usize) -> bool {
         let start_ps = self.sender.plant_ps(start_us);

@@ -12,22 +12,6 @@ pub mod chance;
 pub mod clock;
 pub mod line;
 pub mod memory;
+mod plant_time;
 
-/// Picoseconds in a microsecond.
-pub const PS_IN_US: u64 = 1_000_000;
-/// Picoseconds in a second.
-pub const PS_IN_S: u64 = 1_000_000 * PS_IN_US;
-
-/// A time in which nothing passes, in picoseconds of plant time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Cut {
-    /// It begins here.
-    pub from_ps: u64,
-    /// It is over here.
-    pub to_ps: u64,
-}
-
-/// Whether something that takes from one time to another meets a cut.
-fn is_cut(cuts: &[Cut], from_ps: u64, to_ps: u64) -> bool {
-    (cuts.iter()).any(|cut| from_ps < cut.to_ps && cut.from_ps < to_ps)
-}
+pub use plant_time::{Cut, PS_IN_S, PS_IN_US};

@@ -42,7 +42,8 @@ pub trait InStep {
 
 impl<'p, 'q, 'm> RunningProcessor<'p, 'q, 'm> {
     /// Switches a processor on, with `behind` behind its pins and these devices for its links. Its
-    /// mission starts with its first step. The run ends at a plant time in microseconds.
+    /// mission starts with its first step. The run has a seed, and ends at a plant time in
+    /// microseconds.
     ///
     /// # Errors
     /// [`RunError`]
