@@ -39,6 +39,7 @@ fn started(world_name: &str, missions: Vec<Planned>) -> HostRun<'static, 'static
         seed: 1,
         until_us: UNTIL_US,
         breaks: Vec::new(),
+        stuck_wheels: Vec::new(),
         stop_at_us: None,
         cut_link_us: None,
     };

@@ -60,11 +60,12 @@ export class Engine {
     this.ended(words);
   }
 
-  call<T>(request: Call): Promise<T> {
+  /** Calls it; bytes may come with the request. */
+  call<T>(request: Call, bytes?: Uint8Array): Promise<T> {
     const id = this.next++;
     return new Promise<T>((done, failed) => {
       this.open.set(id, { done: done as (value: never) => void, failed });
-      this.worker.postMessage({ id, request });
+      this.worker.postMessage({ id, request, bytes });
     });
   }
 

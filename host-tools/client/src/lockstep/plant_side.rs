@@ -8,7 +8,7 @@ use rt_firmware::body::{Reply, Request, SONARS};
 use super::pace::Pace;
 use crate::flash::Flash;
 use esm_toolkit::plant::behind_pins::{BehindPins, PlantBehindPins};
-pub use esm_toolkit::plant::behind_pins::{PlantFault, SonarBreak};
+pub use esm_toolkit::plant::behind_pins::{PlantFault, SonarBreak, StuckWheel};
 use esm_toolkit::plant::{Plant, Pulse, RecordedRanges};
 
 /// A plant behind a board's pins, shared by the thread that answers the board and the one that
@@ -49,6 +49,11 @@ impl PlantSide {
     /// Breaks these sonars, each at its time.
     pub fn break_sonars(&self, breaks: Vec<SonarBreak>) {
         self.lock().break_sonars(breaks);
+    }
+
+    /// Lets something hold these wheels, each from its time on.
+    pub fn stick_wheels(&self, stuck: Vec<StuckWheel>) {
+        self.lock().stick_wheels(stuck);
     }
 
     /// Lets the sonars measure what was recorded. Where that ends, the time of interest does,

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use esm_core::Verified;
-use esm_link::message::Request;
+use esm_link::message::{Channel, Request};
 use esm_link::trace::TraceEvent;
 use rt_firmware::Sides;
 use rt_firmware::body::{PinImage, SONARS};
@@ -11,13 +11,15 @@ use rt_firmware::body::{PinImage, SONARS};
 use super::port::DirectPort;
 use super::session::{RunError, Session, While};
 use crate::host_board::{BOARD, HostLife, log_lines};
-use crate::plant::behind_pins::{PlantBehindPins, PlantFault, SonarBreak};
+use crate::plant::behind_pins::{PlantBehindPins, PlantFault, SonarBreak, StuckWheel};
 use crate::plant::{BodyParameters, Plant};
 use crate::recording::file::Header;
+use crate::recording::samples::RawSample;
 use crate::recording::writer::RecordingWriter;
 use crate::story::{Story, Told};
 use crate::streams::StreamEvent;
 use crate::trace::directory::{Directory, NoDirectory};
+use crate::values::{Net, nets_of};
 use crate::world::World;
 
 /// The task whose missions want to hear of the host.
@@ -25,6 +27,11 @@ pub const LINK_MONITOR: &str = "LinkMonitor";
 
 /// How often a robot with such a mission is called, in microseconds of robot time.
 pub const CALL_INTERVAL_US: u64 = 50_000;
+
+/// How often values on nets are kept, in milliseconds of robot time; and how many samples a run has
+/// at most, of which a long one has fewer in the same time.
+const SAMPLE_MS: u64 = 100;
+const MOST_SAMPLES: u64 = 6_000;
 
 /// How often a run shows where the robot is, in microseconds of robot time.
 const SHOWN_EACH_US: u64 = 50_000;
@@ -40,6 +47,7 @@ pub struct RunMission {
     pub blob: Vec<u8>,
     /// The names in it.
     pub directory: Arc<Directory>,
+    nets: Vec<Net>,
     calls: bool,
 }
 
@@ -56,6 +64,7 @@ impl RunMission {
             name: name.to_owned(),
             hash: verified.hash(),
             directory,
+            nets: nets_of(&verified)?,
             calls,
             blob: verified.into_bytes(),
         })
@@ -86,6 +95,8 @@ pub struct Settings {
     pub until_us: u64,
     /// Sonars that break while it runs.
     pub breaks: Vec<SonarBreak>,
+    /// Wheels that something holds while it runs.
+    pub stuck_wheels: Vec<StuckWheel>,
     /// Robot time at which the button of the emergency stop is pressed, in microseconds.
     pub stop_at_us: Option<u64>,
     /// Robot time from which on the robot hears nothing more of its host, in microseconds.
@@ -123,6 +134,8 @@ pub struct Given {
     /// People who were there from a time on, in microseconds, where that has changed: centre and
     /// radius, in metres.
     pub people: Vec<(u64, Vec<[f64; 3]>)>,
+    /// Walls that came at a time, in microseconds: both ends, in metres.
+    pub walls: Vec<(u64, [f64; 4])>,
 }
 
 /// A run that has come to its end.
@@ -154,9 +167,15 @@ pub struct HostRun<'p, 'q, 'm> {
     /// Active regions that went on as they were, of each mission that took over.
     carried: Vec<u16>,
     people: Vec<[f64; 3]>,
+    /// How many walls have come.
+    walls: usize,
     active: Vec<String>,
     /// Whether current states may be others since they were looked at.
     is_moved: bool,
+    /// Whether the mission that runs is another one than the one whose values are sampled.
+    is_new: bool,
+    /// Hash of the mission whose values are sampled, and the number of the request for them.
+    sampled: Option<(u32, u8)>,
 }
 
 impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
@@ -175,6 +194,7 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
         let plant = Plant::new(settings.world, settings.body, settings.seed)?;
         let mut behind = PlantBehindPins::new(plant, Some(until_us));
         behind.break_sonars(settings.breaks);
+        behind.stick_wheels(settings.stuck_wheels);
         if let Some(robot_us) = settings.stop_at_us {
             behind.inject(PlantFault::StopPressedFrom { robot_us });
         }
@@ -189,6 +209,8 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
             seed: Some(settings.seed),
         };
         let mut recording = RecordingWriter::new(Vec::new(), head, Some(until_us))?;
+        // Guards are looked at in it.
+        recording.keep_all();
         for Planned { mission, .. } in &missions {
             let period_us = mission.directory.interpreter_period_us();
             recording.mission(&mission.name, mission.hash, &mission.blob, period_us)?;
@@ -209,8 +231,11 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
             given: Given::default(),
             carried: Vec::new(),
             people: Vec::new(),
+            walls: 0,
             active: Vec::new(),
             is_moved: true,
+            is_new: false,
+            sampled: None,
         };
         run.session.begin((&mut run.life, &mut run.port))?;
         run.bring(While::Passing)?;
@@ -241,6 +266,9 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
             self.call(next_us)?;
             self.life.serve(&mut self.port);
             self.take_in()?;
+            if std::mem::take(&mut self.is_new) {
+                self.watch()?;
+            }
             self.life.pass(&mut self.port);
             self.show();
         }
@@ -312,6 +340,27 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
         (self.session).call(&mut self.port, "say how it is", Request::Status)
     }
 
+    /// Asks for the values of the mission that runs now.
+    fn watch(&mut self) -> Result<(), RunError> {
+        let current = self.started.checked_sub(1);
+        let Some(Planned { mission, .. }) = current.and_then(|index| self.missions.get(index))
+        else {
+            return Ok(());
+        };
+        let each_ms = SAMPLE_MS.max(self.until_us / 1_000 / MOST_SAMPLES);
+        let period_ms = u16::try_from(each_ms).unwrap_or(u16::MAX);
+        let board = (&mut self.life, &mut self.port);
+        let watched = (self.session).watch(board, &mission.nets, mission.hash, period_ms)?;
+        self.sampled = match watched {
+            None => None,
+            Some((nets, number)) => {
+                self.recording.nets(mission.hash, &nets)?;
+                Some((mission.hash, number))
+            }
+        };
+        self.take_in()
+    }
+
     /// Takes in what the board has said.
     fn take_in(&mut self) -> Result<(), RunError> {
         self.session.hear(&mut self.port, |_| {});
@@ -327,6 +376,29 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
                     let lines = text.lines().map(|line| (t_us, line.to_owned()));
                     self.given.log.extend(lines);
                 }
+                StreamEvent::Values {
+                    number,
+                    left_out: _,
+                    has,
+                    t_us,
+                    words,
+                } => {
+                    if let Some((mission, asked)) = self.sampled
+                        && number == asked
+                    {
+                        self.recording.sample(RawSample {
+                            mission,
+                            t_us,
+                            has,
+                            words,
+                        })?;
+                    }
+                }
+                // There is a next one.
+                StreamEvent::Gap {
+                    channel: Channel::Values,
+                    ..
+                } => {}
                 StreamEvent::Gap { missing, .. } if !self.story.has_ended() => {
                     return Err(RunError::Gap { missing });
                 }
@@ -349,6 +421,7 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
                     .mission(&next.mission.name, directory, start_us)?;
                 self.started += 1;
                 self.is_moved = true;
+                self.is_new = true;
             }
             self.is_moved |= matches!(record, TraceEvent::Transition { .. });
             let words = &mut self.given.words;
@@ -380,6 +453,11 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
         if people != self.people {
             self.given.people.push((t_us, people.clone()));
             self.people = people;
+        }
+        for wall in plant.added_walls().iter().skip(self.walls) {
+            let ends = [wall.from.x_m, wall.from.y_m, wall.to.x_m, wall.to.y_m];
+            self.given.walls.push((t_us, ends));
+            self.walls += 1;
         }
         let is_due = |shown_us: u64| t_us >= shown_us + SHOWN_EACH_US;
         if t_us > self.until_us || !self.shown_us.is_none_or(is_due) {

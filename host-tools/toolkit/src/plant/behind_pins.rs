@@ -4,6 +4,7 @@
 use rt_firmware::body::{Reply, Request};
 
 use super::Plant;
+use super::drive::WheelSide;
 use super::recorded::RecordedRanges;
 use super::sonar::SonarFault;
 
@@ -20,6 +21,15 @@ pub struct SonarBreak {
     pub sonar: usize,
     /// What breaks in it.
     pub fault: SonarFault,
+    /// From this robot time on, in microseconds.
+    pub robot_us: u64,
+}
+
+/// A wheel that something holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StuckWheel {
+    /// Which one.
+    pub side: WheelSide,
     /// From this robot time on, in microseconds.
     pub robot_us: u64,
 }
@@ -47,6 +57,8 @@ pub struct PlantBehindPins {
     fault: Option<PlantFault>,
     /// Sonars that are still to break.
     breaks: Vec<SonarBreak>,
+    /// Wheels that are still to be held.
+    stuck: Vec<StuckWheel>,
     last_reply: Reply,
     until_us: Option<u64>,
     /// Exchanges up to `until_us`.
@@ -62,6 +74,7 @@ impl PlantBehindPins {
             plant,
             fault: None,
             breaks: Vec::new(),
+            stuck: Vec::new(),
             last_reply: Reply::default(),
             until_us,
             exchanges: 0,
@@ -77,6 +90,11 @@ impl PlantBehindPins {
     /// Breaks these sonars, each at its time.
     pub fn break_sonars(&mut self, breaks: Vec<SonarBreak>) {
         self.breaks = breaks;
+    }
+
+    /// Lets something hold these wheels, each from its time on.
+    pub fn stick_wheels(&mut self, stuck: Vec<StuckWheel>) {
+        self.stuck = stuck;
     }
 
     /// Lets the sonars measure what was recorded. Where that ends, the time of interest does,
@@ -142,6 +160,11 @@ impl BehindPins for PlantBehindPins {
         self.breaks = later;
         for SonarBreak { sonar, fault, .. } in now {
             self.plant.break_sonar(sonar, fault);
+        }
+        for StuckWheel { side, .. } in
+            (self.stuck.iter()).filter(|stuck| request.start_us >= stuck.robot_us)
+        {
+            self.plant.stick_wheel(*side);
         }
         self.last_reply = self.plant.exchange(request);
         let ends_us = (self.until_us.into_iter()).chain(self.plant.recorded_end_us());
