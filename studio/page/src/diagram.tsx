@@ -29,7 +29,8 @@ export function Diagram({ studio }: { studio: Studio }) {
     for (const part of sheet.current.querySelectorAll<SVGGElement>("g.transition")) {
       part.setAttribute("tabindex", "0");
       part.setAttribute("role", "button");
-      part.setAttribute("aria-label", `${part.dataset.path} → ${part.dataset.to}`);
+      const shown = [...part.querySelectorAll("text")].map((text) => text.textContent).join(" ");
+      part.setAttribute("aria-label", `${shown}, ${part.dataset.path} → ${part.dataset.to}`);
     }
     for (const part of sheet.current.querySelectorAll<SVGGElement>("g.state")) {
       const path = part.dataset.path ?? "";

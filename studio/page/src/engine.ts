@@ -37,7 +37,10 @@ export class Engine {
     const worker = this.worker;
     compiled().then(
       (module) => worker.postMessage({ module }),
-      (error) => this.end(String(error)),
+      (error) => {
+        this.stop(String(error));
+        this.ended(String(error));
+      },
     );
   }
 
@@ -48,16 +51,17 @@ export class Engine {
     else if ("error" in answer) open?.failed(new Refused(answer.error));
     else {
       open?.failed(new Refused(answer.ended));
-      this.end(answer.ended);
+      this.stop(answer.ended);
+      // Whoever hears of it calls the next instance.
       this.start();
+      this.ended(answer.ended);
     }
   }
 
-  private end(words: string): void {
+  private stop(words: string): void {
     this.worker.terminate();
     for (const { failed } of this.open.values()) failed(new Refused(words));
     this.open.clear();
-    this.ended(words);
   }
 
   /** Calls it; bytes may come with the request. */
@@ -71,8 +75,6 @@ export class Engine {
 
   /** Lets go of the instance and its memory. */
   close(): void {
-    this.worker.terminate();
-    for (const { failed } of this.open.values()) failed(new Refused("closed"));
-    this.open.clear();
+    this.stop("closed");
   }
 }

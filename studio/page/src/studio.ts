@@ -43,6 +43,25 @@ const LONGEST_US = 3_600_000_000;
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 export const SPEEDS = [0.25, 1, 4, 16];
 
+/**
+ * A mission with all that it uses, and a world, from the checkout that the page lies in: a web server that serves the
+ * checkout has no catalogue, and links of the book lead there.
+ */
+async function ofCheckout({ path, world }: { path: string; world: string }): Promise<Catalogue> {
+  const files: Record<string, string> = {};
+  const wanted = [path, world];
+  for (const place of wanted) {
+    if (place in files) continue;
+    const answer = await fetch(`../..${place}`);
+    if (!answer.ok) throw new Error(`${place}: ${answer.status}`);
+    files[place] = await answer.text();
+    for (const [, used] of files[place].matchAll(/^\s*use\s+"([^"]+)"/gm)) {
+      wanted.push(new URL(used, `http://checkout${place}`).pathname);
+    }
+  }
+  return { files };
+}
+
 export class Studio {
   language = wanted();
   /** Files as they ship or were given, and those that were changed or made here. */
@@ -155,14 +174,16 @@ export class Studio {
     } catch {
       this.own = {};
     }
+    const named = opened(location.hash);
     const answer = await fetch("files.json");
-    const catalogue = (await answer.json()) as Catalogue;
+    const catalogue = answer.ok
+      ? (await answer.json()) as Catalogue
+      : await ofCheckout(named ?? { path: FIRST, world: FIRST_WORLD });
     this.shipped = catalogue.files;
     this.given = Object.keys(catalogue.files).filter((path) => !path.startsWith("/missions/"));
     if (catalogue.open) this.path = catalogue.open;
     this.isLive = catalogue.live === true;
     const shared = await unpack(location.hash);
-    const named = opened(location.hash);
     if (shared) {
       this.path = shared.path;
       if (shared.text !== this.shipped[shared.path]) this.own[shared.path] = shared.text;

@@ -69,7 +69,7 @@ function Curves({ studio }: { studio: Studio }) {
     <div class="curves">
       <input type="search" value={search} placeholder={words.searchValue} aria-label={words.searchValue}
         onInput={(event) => setSearch(event.currentTarget.value)} />
-      <ul tabIndex={0} role="group" aria-label={words.values}>{found.map(([name, unit]) => (
+      <ul tabIndex={0} aria-label={words.values}>{found.map(([name, unit]) => (
         <li><label><input type="checkbox" checked={studio.plotted.includes(name)} onChange={() => studio.plot(name)} />
           {" "}{name}{unit && ` (${unit})`}</label></li>
       ))}</ul>
