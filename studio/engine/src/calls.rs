@@ -61,7 +61,7 @@ enum Call {
     Record,
     /// What has come of a robot that is connected: bytes come with the request, and the robot has
     /// made so many macro steps of its mission.
-    Live { steps: Option<u64>, known: usize },
+    Live { steps: Option<u64> },
 }
 
 /// Carries a request out. The answer is `{"ok": …}` or `{"error": "…"}`. Behind the request and a
@@ -103,6 +103,6 @@ fn call(call: Call, bytes: &[u8]) -> Result<Value, String> {
         Call::Curve { name, from_us } => looked::curve(&name, from_us),
         Call::Slots { t_us } => looked::slots(t_us),
         Call::Record => recorded::record(bytes),
-        Call::Live { steps, known } => recorded::live(bytes, steps, known),
+        Call::Live { steps } => recorded::live(bytes, steps),
     }
 }

@@ -345,16 +345,28 @@ fn shown(recording: &Recording, told: &Told) -> Vec<Value> {
     shown
 }
 
-/// What there is to see of a recording over time; of what is current, what comes behind the first
-/// so many changes that are known.
+/// What was told of a recording that grows: lists whose last entries may become others.
+#[derive(Default)]
+pub struct Known {
+    active: Vec<(u64, Vec<String>)>,
+    transitions: Vec<Value>,
+    shown: Vec<Value>,
+}
+
+/// How many entries of a list stay as they were.
+fn kept<T: PartialEq>(before: &[T], now: &[T]) -> usize {
+    let pairs = before.iter().zip(now);
+    pairs.take_while(|(before, now)| before == now).count()
+}
+
+/// What there is to see of a recording over time, and was not told before; and what is known then.
 ///
 /// # Errors
 /// There is nothing to look at yet.
-pub fn all(known: &[(u64, Vec<String>)]) -> Result<(Value, Vec<(u64, Vec<String>)>), String> {
+pub fn all(known: &Known) -> Result<(Value, Known), String> {
     with(|recording, told| {
         let active = active(told);
-        let pairs = known.iter().zip(&active);
-        let kept = pairs.take_while(|(before, now)| before == now).count();
+        let shown = shown(recording, told);
         let missions: Vec<Value> = (told.missions.iter())
             .map(|it| json!({ "name": it.name, "start_us": it.start_us, "end_us": it.end_us }))
             .collect();
@@ -372,6 +384,11 @@ pub fn all(known: &[(u64, Vec<String>)]) -> Result<(Value, Vec<(u64, Vec<String>
         let of_last = told.missions.last();
         let last =
             of_last.and_then(|last| recording.missions.iter().find(|it| it.name == last.name));
+        let kept = [
+            kept(&known.active, &active),
+            kept(&known.transitions, &transitions),
+            kept(&known.shown, &shown),
+        ];
         let told = json!({
             "board": recording.head.board,
             "firmware": recording.head.firmware,
@@ -381,11 +398,16 @@ pub fn all(known: &[(u64, Vec<String>)]) -> Result<(Value, Vec<(u64, Vec<String>
             "start_us": start_us,
             "end_us": end_us,
             "kept": kept,
-            "active": active.get(kept..),
-            "transitions": transitions,
+            "active": active.get(kept[0]..),
+            "transitions": transitions.get(kept[1]..),
+            "shown": shown.get(kept[2]..),
             "faults": faults,
-            "shown": shown(recording, told),
         });
-        (told, active)
+        let known = Known {
+            active,
+            transitions,
+            shown,
+        };
+        (told, known)
     })
 }

@@ -12,8 +12,8 @@ use crate::looked;
 #[derive(Default)]
 struct Robot {
     bytes: Vec<u8>,
-    /// What was told of it: the states that were current from a time on.
-    active: Vec<(u64, Vec<String>)>,
+    /// What was told of it.
+    told: looked::Known,
 }
 
 thread_local! {
@@ -28,18 +28,18 @@ pub fn record(bytes: &[u8]) -> Result<Value, String> {
     let recording = Recording::read(bytes).map_err(|error| error.to_string())?;
     let is_whole = recording.end == FileEnd::Whole;
     let ended = looked::at(recording);
-    let (mut told, _) = looked::all(&[])?;
+    let (mut told, _) = looked::all(&looked::Known::default())?;
     told["ended"] = ended.into();
     told["whole"] = is_whole.into();
     Ok(told)
 }
 
-/// Takes in what a robot has told; `known` says how many changes of its states the page has.
-/// Answers what there is to see of it, or nothing before its recording begins.
+/// Takes in what a robot has told. Answers what there is to see of it that was not told before, or
+/// nothing before its recording begins.
 ///
 /// # Errors
 /// What has come makes no sense.
-pub fn live(bytes: &[u8], steps: Option<u64>, known: usize) -> Result<Value, String> {
+pub fn live(bytes: &[u8], steps: Option<u64>) -> Result<Value, String> {
     ROBOT.with_borrow_mut(|robot| {
         robot.bytes.extend_from_slice(bytes);
         let mut all = robot.bytes.clone();
@@ -56,9 +56,8 @@ pub fn live(bytes: &[u8], steps: Option<u64>, known: usize) -> Result<Value, Str
             return Ok(Value::Null);
         }
         looked::at_growing(recording);
-        let before = robot.active.get(..known).unwrap_or_default();
-        let (told, active) = looked::all(before)?;
-        robot.active = active;
+        let (told, known) = looked::all(&robot.told)?;
+        robot.told = known;
         Ok(told)
     })
 }

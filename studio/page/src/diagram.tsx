@@ -147,13 +147,13 @@ export function Diagram({ studio }: { studio: Studio }) {
           onInput={(event) => setSearch(event.currentTarget.value)}
           onKeyDown={(event) => { if (event.key === "Enter") next(event.shiftKey ? -1 : 1); }} />
         {search && <span class="facts" role="status">{words.found(found)}</span>}
-        <label>{words.depth} <select value={String(studio.depth)} onChange={(event) => {
+        <select aria-label={words.depth} title={words.depth} value={String(studio.depth)} onChange={(event) => {
           const chosen = event.currentTarget.value;
           studio.depth = chosen === "null" ? null : Number(chosen);
           void studio.draw();
         }}>
           {[0, 1, 2, null].map((depth) => <option value={String(depth)} selected={depth === studio.depth}>{words.depthOf(depth)}</option>)}
-        </select></label>
+        </select>
         <label><input type="checkbox" checked={studio.showsData}
           onChange={() => { studio.showsData = !studio.showsData; void studio.draw(); }} /> {words.data}</label>
         <span class="group">

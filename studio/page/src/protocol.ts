@@ -56,8 +56,8 @@ export interface Recorded {
   missions: { name: string; start_us: number; end_us: number }[];
   start_us: number;
   end_us: number;
-  /** How many of the changes that the page knows stay, and those behind them. */
-  kept: number;
+  /** How many of the states, transitions and places that the page knows stay; behind them come these. */
+  kept: [number, number, number];
   active: [number, string[]][];
   transitions: Transition[];
   faults: [number, string][];

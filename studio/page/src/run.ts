@@ -41,6 +41,12 @@ export function behind<T>(list: T[], t_us: number, time: (entry: T) => number): 
   return low;
 }
 
+/** Puts entries behind the first so many of a list, in place of those that are there. */
+function put<T>(list: T[], kept: number, entries: T[]): void {
+  list.length = kept;
+  for (const entry of entries) list.push(entry);
+}
+
 /** Turns a pose of odometry, which begins at the origin, to where the robot of a world starts. */
 function placed(shown: Shown, [x, y, heading]: [number, number, number]): Shown {
   const [sin, cos] = [Math.sin(heading), Math.cos(heading)];
@@ -54,6 +60,8 @@ function placed(shown: Shown, [x, y, heading]: [number, number, number]): Shown 
 export interface Connected {
   board: string;
   error: string | null;
+  /** How old its mission was when this was told, as well as the command knows. */
+  mission_us: number | null;
   notes: string[];
   slots: { number: number; executed: number; missed: number; overruns: number; load: number; delay_us: number }[];
 }
@@ -83,10 +91,12 @@ export class Run {
   /** Whether each moment can be asked about. */
   isWhole = false;
   connected: Connected | null = null;
-  /** When the page heard last of a robot that is connected. */
-  heard_ms = 0;
+  /** How long after it happened on the robot the page knew of the last transition, in milliseconds. */
+  behind_ms: number | null = null;
   private engine: Engine;
   private isClosed = false;
+  /** Curves and terms that are of what was told last; what is shown is what was known before. */
+  private fresh = new Set<string>();
   private curve_cache = new Map<string, [number, number][]>();
   private term_cache = new Map<string, [number, boolean][]>();
 
@@ -171,11 +181,12 @@ export class Run {
   }
 
   private take(recorded: Recorded): void {
-    this.active.splice(recorded.kept, Infinity, ...recorded.active);
-    this.transitions = recorded.transitions;
+    const [active, transitions, shown] = recorded.kept;
+    put(this.active, active, recorded.active);
+    put(this.transitions, transitions, recorded.transitions);
+    put(this.shown, shown, recorded.shown);
     this.faults = recorded.faults;
     this.missions = recorded.missions;
-    this.shown = recorded.shown;
     this.start_us = recorded.start_us;
     this.done_us = recorded.end_us;
     this.period_us = recorded.period_us ?? this.period_us;
@@ -187,9 +198,11 @@ export class Run {
     let seen = "";
     while (!this.isClosed) {
       try {
+        // An answer may have waited for news: what counts is when it comes.
         const answer = await fetch(`live?from=${from}&seen=${seen}`, { cache: "no-store" });
         if (!answer.ok) throw new Error(String(answer.status));
         const body = await answer.arrayBuffer();
+        const heard_ms = performance.now();
         const head_bytes = new DataView(body).getUint32(0, true);
         const head = JSON.parse(new TextDecoder().decode(new Uint8Array(body, 4, head_bytes))) as Connected & {
           from: number; steps: number | null; seen: string;
@@ -199,13 +212,17 @@ export class Run {
         from += bytes.length;
         seen = head.seen;
         this.connected = head;
-        const known = this.active.length;
-        const recorded = await this.engine.call<Recorded | null>({ call: "live", steps: head.steps, known }, bytes);
+        const recorded = await this.engine.call<Recorded | null>({ call: "live", steps: head.steps }, bytes);
         if (recorded) {
+          const before = this.transitions.at(-1)?.[0];
           this.take(recorded);
-          this.heard_ms = performance.now();
-          this.curve_cache.clear();
-          this.term_cache.clear();
+          const last = this.transitions.at(-1)?.[0];
+          const start_us = this.missions.at(-1)?.start_us ?? 0;
+          if (last !== undefined && last !== before && head.mission_us !== null) {
+            const now_us = start_us + head.mission_us + (performance.now() - heard_ms) * 1000;
+            this.behind_ms = Math.max(0, (now_us - last) / 1000);
+          }
+          this.fresh.clear();
           this.isWhole = true;
         }
         this.error = head.error;
@@ -306,10 +323,11 @@ export class Run {
 
   async curve(name: string): Promise<[number, number][]> {
     const known = this.curve_cache.get(name);
-    if (known) return known;
+    if (known && this.fresh.has(name)) return known;
+    this.fresh.add(name);
     const points = await this.ask<[number, number][]>({ call: "curve", name });
     if (points) this.curve_cache.set(name, points);
-    return points ?? [];
+    return points ?? known ?? [];
   }
 
   knownTerm(term: TermOf): [number, boolean][] | undefined {
@@ -319,9 +337,10 @@ export class Run {
   async term(term: TermOf): Promise<[number, boolean][]> {
     const key = JSON.stringify(term);
     const known = this.term_cache.get(key);
-    if (known) return known;
+    if (known && this.fresh.has(key)) return known;
+    this.fresh.add(key);
     const changes = await this.ask<[number, boolean][]>({ call: "term", ...term });
     if (changes) this.term_cache.set(key, changes);
-    return changes ?? [];
+    return changes ?? known ?? [];
   }
 }

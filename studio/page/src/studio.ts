@@ -663,6 +663,7 @@ export class Studio {
   }
 
   seek(t_us: number): void {
+    this.notice = "";
     this.follows = false;
     this.t_us = Math.max(this.run?.start_us ?? 0, Math.min(t_us, this.run?.done_us ?? 0));
     if (this.showsSlots) void this.prepare();

@@ -143,11 +143,11 @@ export function Time({ studio }: { studio: Studio }) {
   const isWorking = run?.kind === "simulated" && !run.end && !run.error;
   const isLive = run?.kind === "live";
   const goesOn = isLive ? studio.follows : studio.isPlaying;
-  const kinds = { simulated: "", recorded: words.recorded, live: run?.connected ? words.connected(run.connected.board) : words.connecting };
+  const kinds = { simulated: "", recorded: words.recorded, live: run?.connected ? words.connected(run.connected.board, run.behind_ms) : words.connecting };
   const height = bars.size * ROW_PX + studio.plotted.length * CURVE_PX + FOOT_PX;
   const slots = studio.slots?.slots.length ?? 0;
   return (
-    <section class="panel time" aria-label={words.time}>
+    <section class="panel time" aria-label={words.time} data-behind-ms={run?.behind_ms}>
       <div class="transport">
         <button class="main" onClick={() => studio.start()} title="Ctrl+Enter" disabled={!studio.isLoaded}>
           ▶ {run?.kind === "simulated" ? words.runAgain : words.run}</button>

@@ -39,9 +39,11 @@ function pageRun(plan) {
   call({ call: "files", files: plan.files ?? files });
   call({ call: "start", seed: 1, ...plan });
   // In slices, as the page does.
+  const walls = [];
   for (let to_us = 3_000_000; ; to_us += 3_000_000) {
     const part = call({ call: "go_on", to_us });
-    if (!part.goes_on) return { ...part, call };
+    walls.push(...part.walls);
+    if (!part.goes_on) return { ...part, walls, call };
   }
 }
 
@@ -194,12 +196,16 @@ check("a recording, and one that grows, have what the run had", () => {
   const ends = [];
   for (let at = 8; at < bytes.length; at += 9 + bytes.readUInt32LE(at + 1)) ends.push(at + 9 + bytes.readUInt32LE(at + 1));
   const growing = instance(module);
-  let told = null;
-  const active = [];
+  const [active, transitions, shown] = [[], [], []];
   for (const [index, end] of ends.entries()) {
-    told = growing({ call: "live", steps: null, known: active.length }, bytes.subarray(index === 0 ? 0 : ends[index - 1], end)) ?? told;
-    if (told) active.splice(told.kept, Infinity, ...told.active);
+    const part = growing({ call: "live", steps: null }, bytes.subarray(index === 0 ? 0 : ends[index - 1], end));
+    if (!part) continue;
+    active.splice(part.kept[0], Infinity, ...part.active);
+    transitions.splice(part.kept[1], Infinity, ...part.transitions);
+    shown.splice(part.kept[2], Infinity, ...part.shown);
   }
+  assert.deepEqual(transitions, whole.transitions);
+  assert.deepEqual(shown, whole.shown);
   assert.deepEqual(active, whole.active);
   assert.throws(() => instance(module)({ call: "record" }, Buffer.from("ESMREC")), /empty/);
   assert.throws(() => instance(module)({ call: "record" }, Buffer.from("nothing")), /no recording/);

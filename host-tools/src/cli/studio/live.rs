@@ -31,6 +31,9 @@ const LISTEN_TIME: Duration = Duration::from_millis(50);
 /// From one question for a slot's counters to the next: the line has room for that beside all else.
 const COUNTERS_TIME: Duration = Duration::from_millis(300);
 
+/// From one word to the page to the next, where no transition was taken.
+const QUIET_TIME: Duration = Duration::from_millis(100);
+
 /// Bytes of the recording that the page is given: with more it would fall behind. More than an hour
 /// of a robot that tells as much as its line has room for.
 const MOST_BYTES: usize = 48 << 20;
@@ -50,6 +53,8 @@ struct Told {
     board: String,
     notes: Vec<String>,
     slots: Vec<Value>,
+    /// When the mission that runs began, by the clock of this computer, as well as it is known.
+    began: Option<Instant>,
     error: Option<String>,
 }
 
@@ -85,6 +90,7 @@ impl Answers for Shared {
                 "board": told.board,
                 "notes": told.notes,
                 "slots": told.slots,
+                "mission_us": told.began.map(|began| began.elapsed().as_micros() as u64),
                 "error": told.error,
             });
             let head = head.to_string().into_bytes();
@@ -123,6 +129,8 @@ impl Write for Out {
 #[derive(Default)]
 struct Steps {
     made: Option<u64>,
+    /// Whether a transition was taken since the page was told something.
+    is_moved: bool,
 }
 
 impl Steps {
@@ -141,6 +149,7 @@ impl Steps {
                     self.made = self.made.and_then(|made| made.checked_add(1));
                 }
                 TraceEvent::Started { .. } => self.made = None,
+                TraceEvent::Transition { .. } => self.is_moved = true,
                 _ => {}
             }
         }
@@ -255,6 +264,12 @@ struct Turn {
     /// Whether what is told of slots is of the mission before.
     is_new: bool,
     asked: Option<Instant>,
+    /// Counters of a slot that the page is told of next.
+    waiting: Option<(usize, Value)>,
+    /// When the page was told something last.
+    told: Option<Instant>,
+    /// The mission whose time was asked for, and the shortest time in which that was answered.
+    timed: Option<(u32, Duration)>,
 }
 
 impl Turn {
@@ -287,7 +302,23 @@ impl Turn {
             let next = recording.next_step();
             next.is_some_and(|next| *made >= next)
         });
-        let counted = self.count_slots(robot, recording)?;
+        let (counted, began) = match self.is_to_ask(robot) {
+            false => (None, None),
+            true => (
+                self.count_slots(robot, recording)?,
+                self.time_mission(robot)?,
+            ),
+        };
+        let clock = robot.clock();
+        let is_quiet = !self.steps.is_moved && notes.is_empty();
+        if is_quiet && (self.told).is_some_and(|told| clock.since(told) < QUIET_TIME) {
+            self.waiting = counted.or(self.waiting.take());
+            told.change(|told| told.began = began.or(told.began));
+            return Ok(());
+        }
+        self.told = Some(clock.now());
+        self.steps.is_moved = false;
+        let counted = counted.or(self.waiting.take());
         let bytes = out.take();
         told.change(|told| {
             if bytes.is_empty() && notes.is_empty() && counted.is_none() && told.steps == steps {
@@ -295,6 +326,7 @@ impl Turn {
             }
             told.version += 1;
             told.steps = steps;
+            told.began = began.or(told.began);
             if told.bytes.len() + bytes.len() <= MOST_BYTES {
                 told.bytes.extend(bytes);
             } else if told.error.is_none() {
@@ -319,17 +351,42 @@ impl Turn {
         Ok(())
     }
 
-    /// Asks for the counters of one slot, when it is time to.
+    /// Whether it is time to ask the robot for what it does not stream.
+    fn is_to_ask(&mut self, robot: &Robot) -> bool {
+        let clock = robot.clock();
+        let is_due = |asked| clock.since(asked) >= COUNTERS_TIME;
+        if self.asked.is_none_or(is_due) {
+            self.asked = Some(clock.now());
+            return true;
+        }
+        false
+    }
+
+    /// Asks the robot how old its mission is. Answers when it began by the clock of this computer,
+    /// where that is known better than before: the quicker the answer, the better.
+    fn time_mission(&mut self, robot: &mut Robot) -> Result<Option<Instant>, LiveError> {
+        let clock = robot.clock().clone();
+        let asked = clock.now();
+        let status = robot.status()?;
+        let took = clock.since(asked);
+        let Some(mission) = status.mission else {
+            return Ok(None);
+        };
+        let is_known = |(known, shortest)| known == mission && shortest <= took;
+        if self.timed.is_some_and(is_known) {
+            return Ok(None);
+        }
+        self.timed = Some((mission, took));
+        let age = Duration::from_micros(status.t_us);
+        Ok((asked + took / 2).checked_sub(age))
+    }
+
+    /// Asks for the counters of one slot.
     fn count_slots(
         &mut self,
         robot: &mut Robot,
         recording: &LiveRecording<Out>,
     ) -> Result<Option<(usize, Value)>, LiveError> {
-        let clock = robot.clock().clone();
-        let is_due = |asked| clock.since(asked) >= COUNTERS_TIME;
-        if !self.asked.is_none_or(is_due) {
-            return Ok(None);
-        }
         let Some((mission, blob)) = recording.running() else {
             return Ok(None);
         };
@@ -346,7 +403,6 @@ impl Turn {
         }
         let place = *next % *count;
         *next = (place + 1) % *count;
-        self.asked = Some(clock.now());
         let counted = match robot.slot_counters(place) {
             Ok(counted) => counted,
             // Another mission runs by now, or none.

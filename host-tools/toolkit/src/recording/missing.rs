@@ -266,3 +266,115 @@ impl<'r> Walk<'r> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::planted::Planted;
+    use crate::recording::player::Recording;
+
+    /// A machine with a guard of three flags, and one that needs an event.
+    const ALERT: &str = "
+        interpreter slot 1;
+        slot 1 period 20 ms duration 1 ms;
+        slot 2 period 20 ms duration 1 ms;
+        task Sense slot 2 { out flag near; out flag low; out flag calm; }
+        machine Alert {
+            event Far;
+            region watch {
+                task Look: Sense;
+                state Wait;
+                state Done;
+                initial -> Look;
+                Look -> Done [.near and (.low or .calm)];
+                Look -> Wait [exit];
+                Wait -> Look on Far;
+            }
+        }";
+
+    fn recorded(reports: &[(u64, &str)], gap: bool) -> Recording {
+        let first = Planted::new().run(("alert", ALERT), 0, 0..3000, reports);
+        let planted = match gap {
+            false => first,
+            true => (first.gap()).run(("alert", ALERT), 500_000_000, 0..10, &[]),
+        };
+        planted.recording()
+    }
+
+    fn missing(recording: &Recording, step: u64, to: &str) -> Missing {
+        let (walk, ended) = Walk::new(recording, true);
+        assert!(ended.is_none(), "{ended:?}");
+        let mut all = walk.missing_at(step * 20_000 + 19_999, "watch/Look", to);
+        assert_eq!(all.len(), 1);
+        all.remove(0)
+    }
+
+    #[test]
+    fn the_fewest_terms_that_are_missing_are_told_with_the_time_since_which_they_are() {
+        let reports = [
+            (10, "set watch/Look.low"),
+            // Far beyond the first place that the walk can begin at.
+            (1500, "clear watch/Look.low"),
+        ];
+        let recording = recorded(&reports, false);
+        let told = missing(&recording, 2990, "watch/Done");
+        assert!(told.is_current && told.guard.is_some() && told.event == "pulse");
+        let terms: Vec<_> = (told.terms.iter())
+            .map(|it| {
+                (
+                    it.name.as_str(),
+                    it.is_set,
+                    it.since.step,
+                    it.since.is_first,
+                )
+            })
+            .collect();
+        // `Look` becomes current in the first macro step: what was before is known from the next.
+        assert_eq!(
+            terms,
+            [
+                (".near", false, 0, true),
+                (".low", false, 1500, false),
+                (".calm", false, 0, true)
+            ]
+        );
+        assert_eq!(told.missing, [[0, 1], [0, 2]]);
+        assert_eq!(told.since.step, 1);
+        assert_eq!(told.terms[1].since.t_us, 30_000_000);
+        let before = missing(&recording, 1499, "watch/Done");
+        assert_eq!(
+            before.missing,
+            [[0]],
+            "one term is enough while the other is true"
+        );
+        assert_eq!(before.terms[1].since.step, 10);
+    }
+
+    #[test]
+    fn a_state_that_is_not_current_is_told_since_when_it_is_not() {
+        let recording = recorded(&[(40, "exit watch/Look")], false);
+        let told = missing(&recording, 2000, "watch/Done");
+        assert!(!told.is_current);
+        assert_eq!((told.since.step, told.since.is_first), (41, false));
+        let (walk, _) = Walk::new(&recording, false);
+        let of_event = walk.missing_at(u64::MAX, "watch/Wait", "watch/Look");
+        assert_eq!(of_event[0].event, "Far");
+        let nothing: [Vec<usize>; 1] = [Vec::new()];
+        assert_eq!(of_event[0].missing, nothing, "a guard that is none is true");
+    }
+
+    #[test]
+    fn terms_over_time_have_each_change_also_where_robot_time_begins_anew() {
+        let reports = [(10, "set watch/Look.near"), (1030, "clear watch/Look.near")];
+        let recording = recorded(&reports, true);
+        let (walk, _) = Walk::new(&recording, true);
+        let term = |to: &str, name| walk.term_over_time(("watch/Look", to, 0), name);
+        assert_eq!(
+            term("watch/Done", ".near"),
+            [(0, false), (200_000, true), (20_600_000, false)]
+        );
+        assert_eq!(term("watch/Done", ".nothing"), []);
+        assert_eq!(term("watch/None", ".near"), []);
+        assert_eq!(walk.missing_at(0, "nothing", "watch/Done"), []);
+    }
+}

@@ -654,6 +654,7 @@ person 2,1 0.25
 person 2,1 0.3 from 5 s
 person 2,1 0.3 to 9s   # a comment
 person 2.75,1 0.5 from 1500 ms to 9 s
+wall 1,1 2,1 2,2 from 5 s
 ";
 
     #[test]
@@ -663,6 +664,8 @@ person 2.75,1 0.5 from 1500 ms to 9 s
         assert_eq!(world.start.position, Point::new(1.0, 1.5));
         assert_eq!(world.start.heading_deg, -90.0);
         assert_eq!(world.walls.len(), 5);
+        let later: Vec<u64> = world.later_walls.iter().map(|it| it.from_us).collect();
+        assert_eq!(later, [5_000_000; 2]);
         assert_eq!(world.walls[3].to, Point::new(0.0, 0.0));
         assert_eq!(world.lines.len(), 2);
         assert_eq!(world.lines[1].middle.from, Point::new(2.0, 2.0));
@@ -731,7 +734,15 @@ person 2.75,1 0.5 from 1500 ms to 9 s
                 "start 1,1 NaN",
                 "line 1: `NaN` is no angle; write degrees from -360 to 360",
             ),
-            ("wall 0,0", "line 1: expected `wall X,Y X,Y …`"),
+            ("wall 0,0", "line 1: expected `wall X,Y X,Y … [from TIME]`"),
+            (
+                "wall 0,0 1,0 from 1 s to 2 s",
+                "line 1: expected `wall X,Y X,Y … [from TIME]`",
+            ),
+            (
+                "wall from 1 s",
+                "line 1: expected `wall X,Y X,Y … [from TIME]`",
+            ),
             (
                 "wall 0,0 1,0 1,0",
                 "line 1: a wall from a point to itself; remove one of the two points",
@@ -796,16 +807,16 @@ person 2.75,1 0.5 from 1500 ms to 9 s
             ),
             (
                 "person 1,1 0.25 from 5 to 9 s",
-                "line 1: `5` is no time of a person: \
+                "line 1: `5` is no time of a person or a wall: \
                  the unit is missing: write `us`, `ms` or `s` behind the number, as in `200 ms`",
             ),
             (
                 "person 1,1 0.25 from 5 min",
-                "line 1: `5 min` is no time of a person: the unit of a time is `us`, `ms` or `s`, as in `200 ms`",
+                "line 1: `5 min` is no time of a person or a wall: the unit of a time is `us`, `ms` or `s`, as in `200 ms`",
             ),
             (
                 "person 1,1 0.25 to noon",
-                "line 1: `noon` is no time of a person: a time starts with a whole number, as in `200 ms`",
+                "line 1: `noon` is no time of a person or a wall: a time starts with a whole number, as in `200 ms`",
             ),
             (
                 "person 1,1 0.25 from 5 s until 9 s",
