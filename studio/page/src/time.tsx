@@ -240,7 +240,7 @@ function draw(canvas: HTMLCanvasElement | null, studio: Studio, bars: Map<string
         pen.beginPath();
         pen.rect(from, top, to - from - 3, ROW_PX);
         pen.clip();
-        pen.fillStyle = "#1a1a1a";
+        pen.fillStyle = bar.state === "initial" || bar.state === "final" ? ink("--paper") : "#1a1a1a";
         pen.textAlign = "left";
         pen.fillText(bar.state, from + 4, top + ROW_PX / 2);
         pen.restore();
