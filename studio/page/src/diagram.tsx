@@ -125,7 +125,7 @@ export function Diagram({ studio }: { studio: Studio }) {
 
   const part = (event: Event) => (event.target as Element).closest<SVGGElement>("g[data-start]");
   const activate = async (event: Event) => {
-    if (dragged.current) return;
+    if (event.type === "click" && dragged.current) return;
     const chosen = part(event);
     if (!chosen) return;
     if ((event.target as Element).classList.contains("breakpoint")) {
@@ -175,10 +175,18 @@ export function Diagram({ studio }: { studio: Studio }) {
           const held = grip.current;
           if (!held || !(event.buttons & 1)) return;
           const [x, y] = [event.clientX - held.x, event.clientY - held.y];
-          if (Math.hypot(x, y) > 4) dragged.current = true;
+          if (Math.hypot(x, y) > 4 && !dragged.current) {
+            dragged.current = true;
+            // Nothing below the pointer is looked for while all of it moves.
+            event.currentTarget.setPointerCapture(event.pointerId);
+            event.currentTarget.classList.add("dragged");
+          }
           if (dragged.current) event.currentTarget.scrollTo(held.left - x, held.top - y);
         }}
-        onPointerUp={() => { grip.current = null; }}
+        onPointerUp={(event) => {
+          grip.current = null;
+          event.currentTarget.classList.remove("dragged");
+        }}
         onKeyDown={(event) => {
           if (event.ctrlKey || event.metaKey || event.altKey) return;
           if (event.key === "+") setZoom(Math.min(MOST, zoom * 1.25));

@@ -3,16 +3,33 @@ import type { Call, FromWorker } from "./protocol";
 
 let module: Promise<WebAssembly.Module> | undefined;
 
-/** The engine's module. It is kept compressed, so that any static server will do. */
+/** The first bytes of what is packed. */
+const PACKED = [0x1f, 0x8b];
+
+/** What a stream begins with, and all of it. */
+async function begun(stream: ReadableStream<Uint8Array<ArrayBuffer>>): Promise<[Uint8Array, ReadableStream<Uint8Array<ArrayBuffer>>]> {
+  const reader = stream.getReader();
+  const first = await reader.read();
+  const whole = new ReadableStream<Uint8Array<ArrayBuffer>>({
+    start: (to) => (first.value ? to.enqueue(first.value) : to.close()),
+    async pull(to) {
+      const next = await reader.read();
+      if (next.value) to.enqueue(next.value);
+      else to.close();
+    },
+  });
+  return [first.value ?? new Uint8Array(), whole];
+}
+
+/** The engine's module, compiled while it comes. It is kept packed, so that any static server will do. */
 function compiled(): Promise<WebAssembly.Module> {
   module ??= (async () => {
     const answer = await fetch("engine.wasm.gz");
-    if (!answer.ok) throw new Error(`engine.wasm.gz: ${answer.status}`);
-    const bytes = new Uint8Array(await answer.arrayBuffer());
-    const isPacked = bytes[0] === 0x1f && bytes[1] === 0x8b;
-    if (!isPacked) return WebAssembly.compile(bytes);
-    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-    return WebAssembly.compile(await new Response(stream).arrayBuffer());
+    if (!answer.ok || !answer.body) throw new Error(`engine.wasm.gz: ${answer.status}`);
+    const [first, whole] = await begun(answer.body);
+    const isPacked = PACKED.every((byte, place) => first[place] === byte);
+    const stream = isPacked ? whole.pipeThrough(new DecompressionStream("gzip")) : whole;
+    return WebAssembly.compileStreaming(new Response(stream, { headers: { "Content-Type": "application/wasm" } }));
   })();
   return module;
 }

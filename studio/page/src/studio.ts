@@ -115,6 +115,8 @@ export class Studio {
   private planText = "";
   private listeners = new Set<() => void>();
   private lastFrame = 0;
+  /** Where the robot was at the moment that was looked at last. */
+  private seen: [number, Shown] | null = null;
   /** Where to go as soon as the run has come there. */
   private goesTo_us: number | null = null;
   private isDrawing = false;
@@ -458,6 +460,7 @@ export class Studio {
     this.then = [];
     this.notice = "";
     this.goesTo_us = null;
+    this.seen = null;
     this.recorded = null;
     this.live_told = 0;
     this.interventions = untouched();
@@ -469,6 +472,7 @@ export class Studio {
     this.then = [];
     this.planText = this.text(this.path);
     this.t_us = 0;
+    this.seen = null;
     this.notice = "";
     this.plan(true);
   }
@@ -628,7 +632,13 @@ export class Studio {
   }
 
   robot(): Shown | null {
-    return this.run?.at(this.t_us, this.world) ?? null;
+    const { run, t_us } = this;
+    if (!run) return null;
+    // A run that is worked out anew is the same up to here: until it has come so far, what was known stays.
+    if (run.done_us < t_us && this.seen?.[0] === t_us) return this.seen[1];
+    const at = run.at(t_us, this.world);
+    if (at && run.done_us >= t_us) this.seen = [t_us, at];
+    return at;
   }
 
   // Time.
