@@ -1,5 +1,6 @@
 //! Collects what each `boards/*/board.toml` says of its board, so that the command knows the boards
-//! also where there is no checkout.
+//! also where there is no checkout. Takes the widths of letters from the font, so that what lays
+//! words out and draws none (the studio's engine) does without the font itself.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -7,6 +8,7 @@ use std::path::PathBuf;
 use std::{env, fs};
 
 use board_settings::BoardFiles;
+use ttf_parser::{Face, GlyphId};
 
 /// Keys of `[capacities]` that a mission is compared with, and the fields of `Capacities` that they
 /// become.
@@ -52,6 +54,31 @@ fn main() {
     fs::write(folder("OUT_DIR").join("default_board.rs"), default)
         .expect("OUT_DIR can be written to");
     fs::write(folder("OUT_DIR").join("boards.rs"), list).expect("OUT_DIR can be written to");
+    let widths = format!(
+        "[&{}, &{}]",
+        widths(ttf_noto_sans::REGULAR),
+        widths(ttf_noto_sans::BOLD)
+    );
+    fs::write(folder("OUT_DIR").join("widths.rs"), widths).expect("OUT_DIR can be written to");
+}
+
+/// The widths of a font's letters as a list: each letter from which on letters have another width,
+/// and that width.
+fn widths(font: &[u8]) -> String {
+    let face = Face::parse(font, 0).expect("the font can be read");
+    let mut list = String::from("[");
+    let mut last = None;
+    for letter in '\0'..=char::MAX {
+        // A letter that the font lacks is its box for such.
+        let glyph = face.glyph_index(letter).unwrap_or(GlyphId(0));
+        let width = face.glyph_hor_advance(glyph).unwrap_or(0);
+        if last != Some(width) {
+            // Writing to a string cannot fail.
+            let _ = write!(list, "({}, {width}), ", u32::from(letter));
+            last = Some(width);
+        }
+    }
+    list + "]"
 }
 
 fn folder(variable: &str) -> PathBuf {

@@ -4,9 +4,9 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use esm_tests::command::{esm_binary, root};
+use esm_tests::command::{Robot, esm_binary, root};
 use esm_tests::host_drive::{driven, plan, world};
 use esm_tests::subject;
 use host_tools::host_run::{HostRun, Planned, RunMission, Settings, start_rover};
@@ -39,6 +39,7 @@ fn started(world_name: &str, missions: Vec<Planned>) -> HostRun<'static, 'static
         seed: 1,
         until_us: UNTIL_US,
         breaks: Vec::new(),
+        stuck_wheels: Vec::new(),
         stop_at_us: None,
         cut_link_us: None,
     };
@@ -170,6 +171,10 @@ impl Served {
 
     /// The answer to a request, from its first line on.
     fn ask(&self, head: &str) -> String {
+        String::from_utf8_lossy(&self.ask_for_bytes(head)).into_owned()
+    }
+
+    fn ask_for_bytes(&self, head: &str) -> Vec<u8> {
         let mut stream = TcpStream::connect(self.parts().0).expect("a connection");
         stream
             .set_read_timeout(Some(Duration::from_secs(10)))
@@ -177,7 +182,20 @@ impl Served {
         write!(stream, "{head}\r\nConnection: close\r\n\r\n").expect("a request");
         let mut answer = Vec::new();
         stream.read_to_end(&mut answer).expect("an answer");
-        String::from_utf8_lossy(&answer).into_owned()
+        answer
+    }
+
+    /// What is new of the robot since an answer: what is told of it, and bytes of its recording.
+    fn news(&self, from: usize, seen: &str) -> (serde_json::Value, Vec<u8>) {
+        let (host, path) = self.parts();
+        let head = format!("GET {path}live?from={from}&seen={seen} HTTP/1.1\r\nHost: {host}");
+        let answer = self.ask_for_bytes(&head);
+        assert!(answer.starts_with(b"HTTP/1.1 200"), "{head}");
+        let mut windows = answer.windows(4);
+        let body = windows.position(|it| it == b"\r\n\r\n").expect("a body") + 4;
+        let (length, rest) = answer[body..].split_first_chunk().expect("a length");
+        let (told, bytes) = rest.split_at(u32::from_le_bytes(*length) as usize);
+        (serde_json::from_slice(told).expect("JSON"), bytes.to_vec())
     }
 
     fn get(&self, path: &str) -> String {
@@ -242,6 +260,47 @@ fn the_page_is_served_to_who_has_its_address_alone() {
         );
     }
     served.end();
+}
+
+#[test]
+fn news_of_a_robot_are_a_recording_that_grows_and_stop_with_the_robot() {
+    let robot = Robot::start("host", None);
+    let upload = Command::new(esm_binary())
+        .args(["upload", "missions/patrol.esm", "--port", robot.port()])
+        .current_dir(root())
+        .output()
+        .expect("the command");
+    assert_eq!(upload.status.code(), Some(0));
+    let mut served = Served::start(&["--port", robot.port()]);
+    let files = served.get(&format!("{}files.json", served.parts().1));
+    assert!(files.contains("\"live\":true"));
+    let (mut bytes, mut seen) = (Vec::new(), String::new());
+    let began = Instant::now();
+    let mut steps = 0;
+    // As long as it takes for slots to be counted, and for some macro steps.
+    loop {
+        let (told, more) = served.news(bytes.len(), &seen);
+        assert_eq!(told["from"], bytes.len());
+        assert_ne!(told["seen"], seen.as_str(), "an answer waits for news");
+        assert_eq!(told["error"], serde_json::Value::Null);
+        bytes.extend(more);
+        seen = told["seen"].as_str().expect("a number").to_owned();
+        steps = told["steps"].as_u64().unwrap_or(steps);
+        let slots = told["slots"].as_array().expect("slots").len();
+        if steps > 100 && slots == 3 && told["mission_us"].is_u64() {
+            break;
+        }
+        assert!(began.elapsed() < Duration::from_secs(30), "{told}");
+    }
+    let recording = Recording::read(&bytes).expect("a recording");
+    let (walk, ended) = Walk::new(&recording, false);
+    assert!(ended.is_none(), "{ended:?}");
+    assert!(walk.choices_at(u64::MAX).is_some());
+    assert!(recording.has_samples());
+    // The robot is lost, and the command says so.
+    drop(robot);
+    let status = served.child.wait().expect("an end");
+    assert_eq!(status.code(), Some(3));
 }
 
 #[test]

@@ -151,6 +151,32 @@ impl<W: Write> LiveRecording<W> {
         known: &[&Mission],
         out: impl FnOnce() -> Result<W, E>,
     ) -> Result<Self, E> {
+        Self::begin_as(robot, info, streams, (known, false), out)
+    }
+
+    /// The same, of a recording that keeps all that comes, for whoever looks at guards while the
+    /// robot runs.
+    ///
+    /// # Errors
+    /// As [`LiveRecording::begin`].
+    pub fn begin_whole<L: ByteLink>(
+        robot: &mut LinkClient<L>,
+        info: &RobotInfo,
+        streams: Streams,
+        out: W,
+    ) -> Result<Self, LiveError> {
+        Self::begin_as(robot, info, streams, (&[], true), || {
+            Ok::<W, LiveError>(out)
+        })
+    }
+
+    fn begin_as<L: ByteLink, E: From<LiveError>>(
+        robot: &mut LinkClient<L>,
+        info: &RobotInfo,
+        streams: Streams,
+        (known, keeps_all): (&[&Mission], bool),
+        out: impl FnOnce() -> Result<W, E>,
+    ) -> Result<Self, E> {
         let streams = Streams {
             record: true,
             ..streams
@@ -163,6 +189,9 @@ impl<W: Write> LiveRecording<W> {
             seed: None,
         };
         let mut writer = RecordingWriter::new(out()?, head, None).map_err(LiveError::from)?;
+        if keeps_all {
+            writer.keep_all();
+        }
         for mission in known {
             add(&mut writer, mission).map_err(LiveError::from)?;
         }
@@ -335,6 +364,27 @@ impl<W: Write> LiveRecording<W> {
         Ok(status.mode == Mode::Running
             && status.mission == self.writer.running()
             && ahead.is_some_and(|ahead| ahead <= MAX_QUIET.into()))
+    }
+
+    /// Writes all that came so far.
+    ///
+    /// # Errors
+    /// [`LiveError::File`]
+    pub fn flush(&mut self) -> Result<(), LiveError> {
+        self.flushed = self.clock.now();
+        Ok(self.writer.flush()?)
+    }
+
+    /// Hash and blob of the mission whose macro steps the recording goes on with, where it is
+    /// there.
+    pub fn running(&self) -> Option<(u32, &[u8])> {
+        let hash = self.writer.running()?;
+        Some((hash, self.blobs.get(&hash)?))
+    }
+
+    /// Number of the next macro step that the recording lacks of that mission.
+    pub fn next_step(&self) -> Option<u64> {
+        self.writer.next_step()
     }
 
     /// What it holds so far.

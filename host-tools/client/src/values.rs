@@ -16,10 +16,10 @@ use esm_toolkit::inspect::refusal::Explained;
 use esm_toolkit::parameters::Value;
 use esm_toolkit::recording::samples::RawSample;
 use esm_toolkit::trace::directory::NoDirectory;
-use esm_toolkit::values::values_in;
 pub use esm_toolkit::values::{
     Field, MAX_FIELDS, Net, Text, Watched, fields_of, nets_of, words_of,
 };
+use esm_toolkit::values::{kept, values_in};
 
 /// The nets of the mission that a robot runs, and what their values are made of.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -76,17 +76,7 @@ impl Catalogue {
     /// The nets that a recording keeps samples of, in as many words as one has: poses, twists and
     /// ranges before others. And how many have no room.
     pub fn kept(&self) -> (Vec<Watched>, usize) {
-        let mut nets: Vec<&Watched> = self.nets.iter().collect();
-        nets.retain(|watched| words_of(&watched.fields) > 0);
-        nets.sort_by_key(|watched| watched.shape());
-        let all = nets.len();
-        let mut room = MAX_VALUE_WORDS;
-        nets.retain(|watched| {
-            let left = room.checked_sub(words_of(&watched.fields));
-            room = left.unwrap_or(room);
-            left.is_some()
-        });
-        (nets.iter().copied().cloned().collect(), all - nets.len())
+        kept(&self.nets)
     }
 
     /// All nets whose values say what they are made of, in groups that a sample has room for. A

@@ -19,7 +19,7 @@ use super::{file, robot, sensors, stage};
 use crate::host_board::{HostBoardError, RobotMaker};
 use crate::keys;
 use crate::link_client::ClientError;
-use crate::lockstep::plant_side::{PlantFault, SonarBreak};
+use crate::lockstep::plant_side::{PlantFault, SonarBreak, StuckWheel};
 use crate::pictures::{Leg, MissionStates, PathPicture, PathSample, Timeline};
 use crate::recording::file::MAX_FILE_BYTES;
 use crate::recording::player::Recording;
@@ -137,8 +137,8 @@ pub struct RunArgs {
 
     /// Breaks a sonar at that robot time: `dead` (it does not answer), `deaf` (it hears nothing),
     /// `blind` (it sees something at its nose, always) or `noisy` (one ping in ten measures
-    /// anything). Sonar 0 looks ahead, the others follow to the left, 45° each. May be given
-    /// several times
+    /// anything). Sonar 0 looks ahead, the others follow to the left, 45° each. Or lets something
+    /// hold a wheel: 'wheel left at 3 s'. May be given several times
     #[arg(long = "break", value_name = "'sonar N FAULT at TIME'")]
     pub breaks: Vec<Break>,
 
@@ -247,16 +247,29 @@ impl FromStr for Then {
     }
 }
 
-/// A sonar that breaks during a run, as a person writes it: `sonar 0 dead at 20 s`.
+/// What breaks during a run, as a person writes it: `sonar 0 dead at 20 s`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Break(pub SonarBreak);
+pub enum Break {
+    /// A sonar.
+    Sonar(SonarBreak),
+    /// A wheel that something holds: `wheel left at 20 s`.
+    Wheel(StuckWheel),
+}
 
 /// Why a text is no [`Break`].
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum BreakError {
     /// Other words, or in another order.
-    #[error("write which sonar breaks how and when, as in 'sonar 0 dead at 20 s'")]
+    #[error(
+        "write which sonar breaks how and when, as in 'sonar 0 dead at 20 s', or which wheel, as in 'wheel left at 20 s'"
+    )]
     Form,
+    /// There is no such wheel.
+    #[error("there is no wheel `{word}`: write `left` or `right`")]
+    Wheel {
+        /// What stands for the side.
+        word: String,
+    },
     /// No sonar has that number.
     #[error("there is no sonar `{word}`: write a number from 0 to {}", SONARS - 1)]
     Sonar {
@@ -280,6 +293,14 @@ impl FromStr for Break {
     fn from_str(text: &str) -> Result<Self, BreakError> {
         let (what, time) = text.split_once(" at ").ok_or(BreakError::Form)?;
         let words: Vec<&str> = what.split_whitespace().collect();
+        if let ["wheel", side] = words[..] {
+            let side = side.parse().map_err(|()| BreakError::Wheel {
+                word: side.to_owned(),
+            })?;
+            let at: Time = time.parse()?;
+            let robot_us = at.us;
+            return Ok(Break::Wheel(StuckWheel { side, robot_us }));
+        }
         let ["sonar", sonar_word, fault_word] = words[..] else {
             return Err(BreakError::Form);
         };
@@ -292,7 +313,7 @@ impl FromStr for Break {
             word: fault_word.to_owned(),
         })?;
         let at: Time = time.parse()?;
-        Ok(Break(SonarBreak {
+        Ok(Break::Sonar(SonarBreak {
             sonar,
             fault,
             robot_us: at.us,
@@ -457,7 +478,18 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
         },
         sensors,
         by_hand: by_hand::planned(&args.by_hand, &args.file, console)?,
-        sonar_breaks: args.breaks.iter().map(|broken| broken.0).collect(),
+        sonar_breaks: (args.breaks.iter())
+            .filter_map(|broken| match broken {
+                Break::Sonar(broken) => Some(*broken),
+                Break::Wheel(_) => None,
+            })
+            .collect(),
+        stuck_wheels: (args.breaks.iter())
+            .filter_map(|broken| match broken {
+                Break::Sonar(_) => None,
+                Break::Wheel(stuck) => Some(*stuck),
+            })
+            .collect(),
     };
     Ok(if args.vary { plan.varied() } else { plan })
 }
@@ -740,12 +772,12 @@ impl From<BoardError> for CommandError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plant::SonarFault;
+    use crate::plant::{SonarFault, WheelSide};
 
     #[test]
     fn a_sonar_breaks_as_it_is_written() {
         let broken = |sonar, fault, robot_us| {
-            Ok(Break(SonarBreak {
+            Ok(Break::Sonar(SonarBreak {
                 sonar,
                 fault,
                 robot_us,
@@ -780,6 +812,14 @@ mod tests {
                 Err(BreakError::Time(TimeError::NoUnit)),
             ),
             ("sonar 0 dead", Err(BreakError::Form)),
+            (
+                "wheel left at 3 s",
+                Ok(Break::Wheel(StuckWheel {
+                    side: WheelSide::Left,
+                    robot_us: 3_000_000,
+                })),
+            ),
+            ("wheel 0 at 1 s", Err(BreakError::Wheel { word: word("0") })),
             ("wheel 0 dead at 1 s", Err(BreakError::Form)),
             ("", Err(BreakError::Form)),
         ] {

@@ -1,5 +1,6 @@
 //! `esm studio`: the page in which missions are written, seen and run.
 
+mod live;
 mod server;
 mod site;
 
@@ -14,11 +15,13 @@ use serde_json::json;
 
 use super::console::Console;
 use super::exit::CommandError;
+use super::robot::RobotArgs;
 use super::{file, mission};
 use crate::lang::MAX_FILE_BYTES;
 use crate::language_server::Workspace;
 use crate::run::interrupt::Interrupt;
 use esm_client::sources::Disk;
+use live::Live;
 use server::Listener;
 use site::{Opened, Site, paths_in_page};
 
@@ -30,13 +33,15 @@ const MOST_FILES: usize = 10_000;
 /// The page is a part of this command and needs nothing else: no network, no installation. It runs
 /// the same code as `esm run --board host`, and its traces are the same. Only this computer can
 /// reach it, and only with the address that is printed. Ctrl-C ends it; what was written in the
-/// page stays in the browser.
+/// page stays in the browser. With a port the page shows what the robot there does, while it does
+/// it; the robot does nothing else for that.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   esm studio                               with the missions that ship
   esm studio missions/patrol.esm           with a mission, and all that it uses
   esm studio my_robot/                     with all missions and worlds of a folder
+  esm studio --port /dev/ttyUSB0           shows what the robot at a port does, and why
   esm studio --write site/                 the files of the page, for any static web server")]
 pub struct StudioArgs {
     /// A mission, or a folder of missions and worlds, to open in it
@@ -52,8 +57,12 @@ pub struct StudioArgs {
     pub no_open: bool,
 
     /// Writes the files of the page into this folder instead, for a static web server
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["port_number", "no_open"])]
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["port_number", "no_open", "port"])]
     pub write: Option<PathBuf>,
+
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "carries the documentation of its arguments")]
+    pub robot: RobotArgs,
 
     /// Prints the address as a JSON object, for programs, and does not open the browser
     #[arg(long)]
@@ -70,7 +79,8 @@ pub fn execute(args: &StudioArgs, console: &mut Console) -> Result<(), CommandEr
         Some(path) => of_file(path)?,
         None => Opened::default(),
     };
-    let site = Site::with(&opened).map_err(|error| CommandError::World(error.into()))?;
+    let is_live = args.robot.port.is_some();
+    let site = Site::with(&opened, is_live).map_err(|error| CommandError::World(error.into()))?;
     if let Some(folder) = &args.write {
         return write(&site, folder, args.json, console);
     }
@@ -81,6 +91,10 @@ pub fn execute(args: &StudioArgs, console: &mut Console) -> Result<(), CommandEr
             format!("cannot listen at port {port}: name another with --port-number, or none")
         })
         .map_err(CommandError::World)?;
+    let live = match is_live {
+        true => Some(Live::connect(&args.robot, console)?),
+        false => None,
+    };
     let address = listener.address();
     if args.json {
         console.json_line(&json!({ "address": address }))?;
@@ -99,7 +113,11 @@ pub fn execute(args: &StudioArgs, console: &mut Console) -> Result<(), CommandEr
             "no browser could be started ({error}): open the address in one"
         ));
     }
-    Ok(listener.serve(&site, || interrupt.is_requested())?)
+    let is_requested = || interrupt.is_requested();
+    match live {
+        None => Ok(listener.serve(&site, None, is_requested)?),
+        Some(live) => live.follow(&listener, &site, is_requested),
+    }
 }
 
 /// A mission, with all that it uses.

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use esm_core::Verified;
 use esm_core::signature::{Direction, Port};
+use esm_link::telemetry::MAX_VALUE_WORDS;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::parameters::{ParameterType, Value};
@@ -293,6 +294,24 @@ impl Field {
 }
 
 impl Watched {
+    /// Name of the number at a place of its values: that of the net, that of the field, and where
+    /// it stands in a row of several.
+    pub fn name_of(&self, place: usize) -> String {
+        let net = self.net.name();
+        let Some(field) = self.fields.get(place) else {
+            return net.to_owned();
+        };
+        let is_of_row = |other: &&Field| other.name == field.name;
+        let (label, _) = field.label();
+        match self.fields.iter().filter(is_of_row).count() {
+            1 => format!("{net} {label}"),
+            _ => {
+                let number = self.fields.iter().take(place).filter(is_of_row).count();
+                format!("{net} {label} {number}")
+            }
+        }
+    }
+
     /// What its values are.
     pub fn shape(&self) -> Shape {
         let is =
@@ -311,6 +330,40 @@ impl Watched {
             Shape::Other
         }
     }
+}
+
+/// The nets that a recording keeps samples of, in as many words as one has: poses, twists and
+/// ranges before others. And how many have no room.
+pub fn kept(nets: &[Watched]) -> (Vec<Watched>, usize) {
+    let mut nets: Vec<&Watched> = nets.iter().collect();
+    nets.retain(|watched| words_of(&watched.fields) > 0);
+    nets.sort_by_key(|watched| watched.shape());
+    let all = nets.len();
+    let mut room = MAX_VALUE_WORDS;
+    nets.retain(|watched| {
+        let left = room.checked_sub(words_of(&watched.fields));
+        room = left.unwrap_or(room);
+        left.is_some()
+    });
+    (nets.iter().copied().cloned().collect(), all - nets.len())
+}
+
+/// What asks a robot what values on a net of the mission of this hash are made of, from a byte of
+/// the text on, as [`Ask`](esm_link::telemetry::Ask) reads it.
+pub fn ask_for_fields(mission: u32, net: u16, offset: u16) -> Vec<u8> {
+    numbers_of(0, mission, &[net, offset])
+}
+
+/// What asks a robot for values on these nets of the mission of this hash, each so many
+/// milliseconds at most.
+pub fn ask_for_values(mission: u32, period_ms: u16, nets: &[u16]) -> Vec<u8> {
+    numbers_of(1, mission, &[&[period_ms], nets].concat())
+}
+
+fn numbers_of(what: u16, mission: u32, numbers: &[u16]) -> Vec<u8> {
+    let mission = [mission as u16, (mission >> u16::BITS) as u16];
+    let all = [&[what], &mission[..], numbers].concat();
+    all.iter().flat_map(|number| number.to_le_bytes()).collect()
 }
 
 /// The values of a sample: of each of these nets, none where its bit of `has` is not set. Where

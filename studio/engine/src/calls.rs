@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use crate::{desk, drive};
+use crate::{desk, drive, looked, recorded};
 
 /// A request.
 #[derive(Deserialize)]
@@ -43,14 +43,37 @@ enum Call {
     GoOn { to_us: u64 },
     /// What the machine had to choose from.
     Choices { t_us: u64 },
+    /// Why the transitions from one state to another were not taken.
+    Missing { t_us: u64, from: String, to: String },
+    /// The values of a term of a guard over time.
+    Term(looked::Term),
+    /// Which numbers on nets there are.
+    Curves,
+    /// One of them over time.
+    Curve {
+        name: String,
+        #[serde(default)]
+        from_us: u64,
+    },
+    /// The slots of the mission of a time.
+    Slots { t_us: u64 },
+    /// A recording, whose bytes come with the request.
+    Record,
+    /// What has come of a robot that is connected: bytes come with the request, and the robot has
+    /// made so many macro steps of its mission.
+    Live { steps: Option<u64> },
 }
 
-/// Carries a request out. The answer is `{"ok": …}` or `{"error": "…"}`.
+/// Carries a request out. The answer is `{"ok": …}` or `{"error": "…"}`. Behind the request and a
+/// zero byte, which is in no JSON, bytes may come with it.
 pub fn carry_out(request: &[u8]) -> Vec<u8> {
-    let result = match serde_json::from_slice::<Request>(request) {
+    let end = request.iter().position(|byte| *byte == 0);
+    let (text, bytes) = request.split_at(end.unwrap_or(request.len()));
+    let bytes = bytes.get(1..).unwrap_or_default();
+    let result = match serde_json::from_slice::<Request>(text) {
         Ok(request) => {
             desk::set_now(request.now_ms);
-            call(request.call)
+            call(request.call, bytes)
         }
         Err(error) => Err(format!("the request cannot be read: {error}")),
     };
@@ -61,7 +84,7 @@ pub fn carry_out(request: &[u8]) -> Vec<u8> {
     answer.to_string().into_bytes()
 }
 
-fn call(call: Call) -> Result<Value, String> {
+fn call(call: Call, bytes: &[u8]) -> Result<Value, String> {
     match call {
         Call::Files { files } => {
             desk::files().replace(files);
@@ -73,6 +96,13 @@ fn call(call: Call) -> Result<Value, String> {
         Call::World { text } => drive::world(&text),
         Call::Start(plan) => drive::start(plan),
         Call::GoOn { to_us } => drive::go_on(to_us),
-        Call::Choices { t_us } => drive::choices(t_us),
+        Call::Choices { t_us } => looked::choices(t_us),
+        Call::Missing { t_us, from, to } => looked::missing(t_us, &from, &to),
+        Call::Term(term) => looked::term(&term),
+        Call::Curves => looked::curves(),
+        Call::Curve { name, from_us } => looked::curve(&name, from_us),
+        Call::Slots { t_us } => looked::slots(t_us),
+        Call::Record => recorded::record(bytes),
+        Call::Live { steps } => recorded::live(bytes, steps),
     }
 }

@@ -4,20 +4,26 @@ use std::cell::RefCell;
 
 use esm_toolkit::host_run::{Ended, HostRun, Planned, RunMission, Settings, start_rover};
 use esm_toolkit::plant::BodyParameters;
-use esm_toolkit::plant::behind_pins::SonarBreak;
+use esm_toolkit::plant::behind_pins::{SonarBreak, StuckWheel};
 use esm_toolkit::recording::player::Recording;
-use esm_toolkit::recording::walk::Walk;
 use esm_toolkit::world::World;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use crate::desk;
+use crate::{desk, looked};
 
 /// A sonar that breaks.
 #[derive(Deserialize)]
 struct Break {
     sonar: usize,
     fault: String,
+    at_us: u64,
+}
+
+/// A wheel that something holds.
+#[derive(Deserialize)]
+struct Stuck {
+    wheel: String,
     at_us: u64,
 }
 
@@ -42,6 +48,8 @@ pub struct Plan {
     #[serde(default)]
     breaks: Vec<Break>,
     #[serde(default)]
+    stuck: Vec<Stuck>,
+    #[serde(default)]
     stop_at_us: Option<u64>,
     #[serde(default)]
     cut_link_us: Option<u64>,
@@ -51,7 +59,7 @@ pub struct Plan {
 enum Stage {
     Nothing,
     Running(Box<HostRun<'static, 'static, 'static>>),
-    Over(Box<Walk<'static>>),
+    Over,
 }
 
 thread_local! {
@@ -95,12 +103,19 @@ pub fn start(plan: Plan) -> Result<Value, String> {
             robot_us: it.at_us,
         });
     }
+    let mut stuck_wheels = Vec::new();
+    for it in &plan.stuck {
+        let side = (it.wheel.parse()).map_err(|()| format!("there is no wheel `{}`", it.wheel))?;
+        let robot_us = it.at_us;
+        stuck_wheels.push(StuckWheel { side, robot_us });
+    }
     let settings = Settings {
         world: World::parse(&plan.world).map_err(|error| error.to_string())?,
         body: BodyParameters::default(),
         seed: plan.seed,
         until_us: plan.until_us,
         breaks,
+        stuck_wheels,
         stop_at_us: plan.stop_at_us,
         cut_link_us: plan.cut_link_us,
     };
@@ -188,6 +203,7 @@ pub fn go_on(to_us: u64) -> Result<Value, String> {
         "words": given.words,
         "log": given.log,
         "people": given.people,
+        "walls": given.walls,
         "carried": run.carried(),
         "goes_on": goes_on,
     });
@@ -215,43 +231,13 @@ pub fn go_on(to_us: u64) -> Result<Value, String> {
         "macro_steps": told.counts.macro_steps,
     });
     let recording = Recording::read(&recording).map_err(|error| error.to_string())?;
-    // It is looked at as long as the instance lives.
-    let (walk, ended) = Walk::new(Box::leak(Box::new(recording)), false);
-    if let Some(ended) = ended {
-        return Err(ended.to_string());
+    if let Some(ended) = looked::at(recording) {
+        return Err(ended);
     }
-    STAGE.set(Stage::Over(Box::new(walk)));
+    let (mut told, _) = looked::all(&looked::Known::default())?;
+    for what in ["transitions", "period_us"] {
+        answer["end"][what] = told[what].take();
+    }
+    STAGE.set(Stage::Over);
     Ok(answer)
-}
-
-/// What the machine had to choose from at a time, when the run is over.
-///
-/// # Errors
-/// The run is not over.
-pub fn choices(t_us: u64) -> Result<Value, String> {
-    STAGE.with_borrow(|stage| {
-        let Stage::Over(walk) = stage else {
-            return Err("the run is not over".to_owned());
-        };
-        let Some(choices) = walk.choices_at(t_us) else {
-            return Ok(Value::Null);
-        };
-        let micro_steps: Vec<Value> = (choices.micro_steps.iter())
-            .map(|micro| {
-                let choices: Vec<Value> = (micro.choices.iter())
-                    .map(|it| {
-                        json!({
-                            "from": it.from, "to": it.to, "event": it.event,
-                            "heard": it.is_heard, "guard": it.guard, "terms": it.terms,
-                            "holds": it.holds, "taken": it.is_taken,
-                        })
-                    })
-                    .collect();
-                json!({ "event": micro.event, "choices": choices })
-            })
-            .collect();
-        Ok(json!({
-            "step": choices.step, "t_us": choices.t_us, "micro_steps": micro_steps,
-        }))
-    })
 }

@@ -13,3 +13,5 @@ mod desk;
 mod door;
 mod drive;
 mod files;
+mod looked;
+mod recorded;

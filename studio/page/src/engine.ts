@@ -3,16 +3,33 @@ import type { Call, FromWorker } from "./protocol";
 
 let module: Promise<WebAssembly.Module> | undefined;
 
-/** The engine's module. It is kept compressed, so that any static server will do. */
+/** The first bytes of what is packed. */
+const PACKED = [0x1f, 0x8b];
+
+/** What a stream begins with, and all of it. */
+async function begun(stream: ReadableStream<Uint8Array<ArrayBuffer>>): Promise<[Uint8Array, ReadableStream<Uint8Array<ArrayBuffer>>]> {
+  const reader = stream.getReader();
+  const first = await reader.read();
+  const whole = new ReadableStream<Uint8Array<ArrayBuffer>>({
+    start: (to) => (first.value ? to.enqueue(first.value) : to.close()),
+    async pull(to) {
+      const next = await reader.read();
+      if (next.value) to.enqueue(next.value);
+      else to.close();
+    },
+  });
+  return [first.value ?? new Uint8Array(), whole];
+}
+
+/** The engine's module, compiled while it comes. It is kept packed, so that any static server will do. */
 function compiled(): Promise<WebAssembly.Module> {
   module ??= (async () => {
     const answer = await fetch("engine.wasm.gz");
-    if (!answer.ok) throw new Error(`engine.wasm.gz: ${answer.status}`);
-    const bytes = new Uint8Array(await answer.arrayBuffer());
-    const isPacked = bytes[0] === 0x1f && bytes[1] === 0x8b;
-    if (!isPacked) return WebAssembly.compile(bytes);
-    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-    return WebAssembly.compile(await new Response(stream).arrayBuffer());
+    if (!answer.ok || !answer.body) throw new Error(`engine.wasm.gz: ${answer.status}`);
+    const [first, whole] = await begun(answer.body);
+    const isPacked = PACKED.every((byte, place) => first[place] === byte);
+    const stream = isPacked ? whole.pipeThrough(new DecompressionStream("gzip")) : whole;
+    return WebAssembly.compileStreaming(new Response(stream, { headers: { "Content-Type": "application/wasm" } }));
   })();
   return module;
 }
@@ -37,7 +54,10 @@ export class Engine {
     const worker = this.worker;
     compiled().then(
       (module) => worker.postMessage({ module }),
-      (error) => this.end(String(error)),
+      (error) => {
+        this.stop(String(error));
+        this.ended(String(error));
+      },
     );
   }
 
@@ -48,30 +68,30 @@ export class Engine {
     else if ("error" in answer) open?.failed(new Refused(answer.error));
     else {
       open?.failed(new Refused(answer.ended));
-      this.end(answer.ended);
+      this.stop(answer.ended);
+      // Whoever hears of it calls the next instance.
       this.start();
+      this.ended(answer.ended);
     }
   }
 
-  private end(words: string): void {
+  private stop(words: string): void {
     this.worker.terminate();
     for (const { failed } of this.open.values()) failed(new Refused(words));
     this.open.clear();
-    this.ended(words);
   }
 
-  call<T>(request: Call): Promise<T> {
+  /** Calls it; bytes may come with the request. */
+  call<T>(request: Call, bytes?: Uint8Array): Promise<T> {
     const id = this.next++;
     return new Promise<T>((done, failed) => {
       this.open.set(id, { done: done as (value: never) => void, failed });
-      this.worker.postMessage({ id, request });
+      this.worker.postMessage({ id, request, bytes });
     });
   }
 
   /** Lets go of the instance and its memory. */
   close(): void {
-    this.worker.terminate();
-    for (const { failed } of this.open.values()) failed(new Refused("closed"));
-    this.open.clear();
+    this.stop("closed");
   }
 }

@@ -38,7 +38,7 @@ function Head({ studio }: { studio: Studio }) {
       <span class="group">
         <button onClick={() => void studio.openFromDisk()}>{words.open}</button>
         <button onClick={() => studio.saveToDisk()} title="Ctrl+S">{words.save}</button>
-        <button onClick={() => void studio.share()}>{words.share}</button>
+        <button onClick={() => void studio.share()} title={words.shareHelp}>{words.share}</button>
       </span>
       <span class="space" />
       <select aria-label="Language, Sprache" value={studio.language} onChange={(event) => studio.setLanguage(event.currentTarget.value)}>
@@ -155,4 +155,11 @@ document.addEventListener("keydown", (event) => {
   else return;
   event.preventDefault();
 }, true);
+// A recording, mission or world that is dropped onto the page is opened.
+document.addEventListener("dragover", (event) => event.preventDefault());
+document.addEventListener("drop", (event) => {
+  event.preventDefault();
+  const files = [...(event.dataTransfer?.files ?? [])];
+  if (files.length > 0) void studio.takeFiles(files);
+});
 render(<App studio={studio} />, document.getElementById("app")!);

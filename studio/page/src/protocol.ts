@@ -1,7 +1,7 @@
 /** What the engine and the page say to each other. */
 
 export type Call = { call: string } & Record<string, unknown>;
-export type ToWorker = { id: number; request: Call } | { module: WebAssembly.Module };
+export type ToWorker = { id: number; request: Call; bytes?: Uint8Array } | { module: WebAssembly.Module };
 export type FromWorker =
   | { id: number; ok: unknown }
   | { id: number; error: string }
@@ -20,7 +20,9 @@ export interface World {
 }
 
 /** Time, x, y, heading, battery, touches, width of each sonar's echo in microseconds. */
-export type Shown = [number, number, number, number, number, number, (number | null)[]];
+export type Shown = [number, number, number, number, number | null, number | null, (number | null)[]];
+
+export type Transition = [number, string, string, string, string[]];
 
 export interface Part {
   robot_us: number;
@@ -29,6 +31,7 @@ export interface Part {
   words: [number, string][];
   log: [number, string][];
   people: [number, [number, number, number][]][];
+  walls: [number, [number, number, number, number]][];
   carried: number[];
   goes_on: boolean;
   end?: {
@@ -39,9 +42,48 @@ export interface Part {
     distance_m: number;
     collisions: number;
     rooms: string[];
-    transitions: number;
+    transitions: Transition[];
+    period_us: number | null;
     macro_steps: number;
   };
+}
+
+export interface Recorded {
+  board: string;
+  firmware: string;
+  hash: string | null;
+  period_us: number | null;
+  missions: { name: string; start_us: number; end_us: number }[];
+  start_us: number;
+  end_us: number;
+  /** How many of the states, transitions and places that the page knows stay; behind them come these. */
+  kept: [number, number, number];
+  active: [number, string[]][];
+  transitions: Transition[];
+  faults: [number, string][];
+  shown: Shown[];
+}
+
+export interface Since {
+  step: number;
+  t_us: number;
+  first: boolean;
+}
+
+export interface Missing {
+  event: string;
+  guard: string | null;
+  current: boolean;
+  since: Since;
+  terms: { name: string; set: boolean; since: Since }[];
+  missing: number[][];
+}
+
+export interface Slots {
+  start_us: number;
+  slots: {
+    number: number; start_us: number; period_us: number; duration_us: number; interpreter: boolean; tasks: string[];
+  }[];
 }
 
 export interface Choice {

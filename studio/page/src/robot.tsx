@@ -1,21 +1,27 @@
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
+import { ink, penOf } from "./colours";
 import { seconds, type Studio } from "./studio";
-import { behind } from "./run";
 
 const SOUND_M_PER_US = 343e-6;
 /** Echoes that are as long as this one are of nothing. */
 const NOTHING_US = 25_000;
 const MARGIN_PX = 18;
+/** The shortest wall that a pointer draws, in metres. */
+const LEAST_WALL_M = 0.1;
 
-function ink(name: string): string {
-  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+/** How the world is shown, and the wall that is being drawn. */
+interface View {
+  scale: number;
+  left: number;
+  bottom: number;
+  drag: [number, number, number, number] | null;
 }
 
 /** The robot in its world, from above. */
 export function Robot({ studio }: { studio: Studio }) {
   const words = studio.words;
   const canvas = useRef<HTMLCanvasElement>(null);
-  const view = useRef({ scale: 1, left: 0, bottom: 0 });
+  const view = useRef<View>({ scale: 1, left: 0, bottom: 0, drag: null });
   const at = studio.robot();
 
   useEffect(() => {
@@ -26,11 +32,30 @@ export function Robot({ studio }: { studio: Studio }) {
     return () => observer.disconnect();
   });
 
-  const place = (event: MouseEvent) => {
-    if (!studio.placesPerson || !canvas.current) return;
-    const box = canvas.current.getBoundingClientRect();
+  /** Where in the world the pointer is, in metres. */
+  const pointed = (event: PointerEvent): [number, number] => {
+    const box = canvas.current!.getBoundingClientRect();
     const { scale, left, bottom } = view.current;
-    studio.putPerson((event.clientX - box.left - left) / scale, (bottom - (event.clientY - box.top)) / scale);
+    return [(event.clientX - box.left - left) / scale, (bottom - (event.clientY - box.top)) / scale];
+  };
+  const [drag, setDrag] = useState<[number, number, number, number] | null>(null);
+  view.current.drag = drag;
+  const down = (event: PointerEvent) => {
+    if (!studio.places || !canvas.current) return;
+    const [x, y] = pointed(event);
+    if (studio.places === "person") return studio.putPerson(x, y);
+    canvas.current.setPointerCapture(event.pointerId);
+    setDrag([x, y, x, y]);
+  };
+  const move = (event: PointerEvent) => {
+    if (drag) setDrag([drag[0], drag[1], ...pointed(event)]);
+  };
+  const up = (event: PointerEvent) => {
+    if (!drag) return;
+    const [x, y] = pointed(event);
+    setDrag(null);
+    // A click alone is no wall.
+    if (Math.hypot(x - drag[0], y - drag[1]) >= LEAST_WALL_M) studio.putWall(drag[0], drag[1], x, y);
   };
 
   const degrees = at ? String(Math.round((at[3] * 180) / Math.PI)) : "";
@@ -45,24 +70,31 @@ export function Robot({ studio }: { studio: Studio }) {
       <header>
         <h2>{words.robot}</h2>
         <span class="facts">
-          {at && <>{at[4].toFixed(1)} V · {words.touches(at[5])}</>}
+          {at && at[4] !== null && at[5] !== null && <>{at[4].toFixed(1)} V · {words.touches(at[5])}</>}
+          {at && at[4] === null && words.byOdometry}
           {end && <> · {end.distance_m.toFixed(1)} m{end.finished_us !== null && <> · {words.finished} {seconds(end.finished_us)}</>}
             {end.fault && <strong> · {words.fault}: {end.fault}</strong>}</>}
         </span>
       </header>
-      <canvas ref={canvas} role="img" aria-label={label} class={studio.placesPerson ? "placing" : ""} onClick={place} />
-      {studio.run && (
+      <canvas ref={canvas} role="img" aria-label={label} class={studio.places ? "placing" : ""}
+        onPointerDown={down} onPointerMove={move} onPointerUp={up} />
+      {studio.run?.kind === "simulated" && (
         <div class="hands">
-          <button aria-pressed={studio.placesPerson} title={words.personHelp}
-            onClick={() => studio.set({ placesPerson: !studio.placesPerson })}>{words.person}</button>
+          {(["person", "wall"] as const).map((thing) => (
+            <button aria-pressed={studio.places === thing} title={words.placeHelp[thing]}
+              onClick={() => studio.set({ places: studio.places === thing ? null : thing })}>{words.place[thing]}</button>
+          ))}
           <button title={words.personAheadHelp} onClick={() => studio.putPersonAhead()}>{words.personAhead}</button>
-          <select aria-label={words.killSonar} value="" onChange={(event) => {
-            const chosen = event.currentTarget.value;
+          <button title={words.wallAheadHelp} onClick={() => studio.putWallAhead()}>{words.wallAhead}</button>
+          <select aria-label={words.breakPart} value="" onChange={(event) => {
+            const [kind, which] = event.currentTarget.value.split(" ");
             event.currentTarget.value = "";
-            if (chosen !== "") studio.killSonar(Number(chosen));
+            if (kind === "sonar") studio.killSonar(Number(which));
+            if (kind === "wheel") studio.stopWheel(which);
           }}>
-            <option value="">{words.killSonar}</option>
-            {[0, 1, 2, 3, 4, 5, 6, 7].map((sonar) => <option value={sonar}>{words.sonar(sonar)}</option>)}
+            <option value="">{words.breakPart}</option>
+            {[0, 1, 2, 3, 4, 5, 6, 7].map((sonar) => <option value={`sonar ${sonar}`}>{words.sonar(sonar)}</option>)}
+            {["left", "right"].map((wheel) => <option value={`wheel ${wheel}`}>{words.wheel(wheel)}</option>)}
           </select>
           <button class="stop" title={words.stopHelp} onClick={() => studio.pressStop()}>{words.stop}</button>
           {done.length > 0 && <>
@@ -75,18 +107,11 @@ export function Robot({ studio }: { studio: Studio }) {
   );
 }
 
-function draw(canvas: HTMLCanvasElement | null, studio: Studio, view: { scale: number; left: number; bottom: number }): void {
+function draw(canvas: HTMLCanvasElement | null, studio: Studio, view: View): void {
   const world = studio.world;
-  const pen = canvas?.getContext("2d");
-  if (!canvas || !pen) return;
-  const ratio = window.devicePixelRatio || 1;
-  const { clientWidth: width, clientHeight: height } = canvas;
-  if (canvas.width !== width * ratio || canvas.height !== height * ratio) {
-    canvas.width = width * ratio;
-    canvas.height = height * ratio;
-  }
-  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  pen.clearRect(0, 0, width, height);
+  const drawn = penOf(canvas);
+  if (!drawn) return;
+  const { pen, width, height } = drawn;
   if (!world) return;
   const [x0, y0, x1, y1] = world.bounds;
   const scale = Math.min((width - 2 * MARGIN_PX) / (x1 - x0), (height - 2 * MARGIN_PX) / (y1 - y0));
@@ -132,7 +157,7 @@ function draw(canvas: HTMLCanvasElement | null, studio: Studio, view: { scale: n
   pen.setLineDash([]);
   pen.strokeStyle = ink("--wall");
   pen.lineWidth = 3;
-  for (const [ax, ay, bx, by] of world.walls) {
+  for (const [ax, ay, bx, by] of [...world.walls, ...(studio.run?.wallsAt(studio.t_us) ?? []), ...(view.drag ? [view.drag] : [])]) {
     line([[ax, ay], [bx, by]]);
     pen.stroke();
   }
@@ -140,8 +165,7 @@ function draw(canvas: HTMLCanvasElement | null, studio: Studio, view: { scale: n
   const run = studio.run;
   const at = studio.robot() ?? [0, world.start[0], world.start[1], world.start[2], 0, 0, []];
   if (run) {
-    const way = run.shown.map((it) => [it[1], it[2]]);
-    const here = behind(run.shown, studio.t_us, (it) => it[0]);
+    const [way, here] = run.way(studio.t_us, world);
     pen.lineWidth = 1.5;
     pen.strokeStyle = ink("--way-ahead");
     line(way.slice(Math.max(0, here - 1)));

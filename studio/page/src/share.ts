@@ -1,9 +1,32 @@
 /** A mission in a link: its text, packed, in the part of the address that no server sees. */
 
+import type { Interventions } from "./studio";
+
+/** A moment of a run, with all that the run follows from. */
+export interface Moment {
+  t_us: number;
+  until_us: number;
+  /** What was done to the robot. */
+  interventions: Interventions;
+  /** Changed missions that took over. */
+  then: { at_us: number; path: string; warm: boolean; text: string }[];
+  /** The text that the run began with. */
+  text: string;
+}
+
 interface Shared {
   path: string;
   text: string;
   world: string;
+  moment?: Moment;
+}
+
+/** A shipped mission and its world that a link names, as those of the book do. */
+export function opened(hash: string): { path: string; world: string } | null {
+  const words = new URLSearchParams(hash.slice(1));
+  const mission = words.get("open");
+  if (!mission) return null;
+  return { path: `/missions/${mission}.esm`, world: `/missions/worlds/${words.get("world") ?? "office"}.world` };
 }
 
 async function piped(bytes: Uint8Array<ArrayBuffer>, through: TransformStream): Promise<Uint8Array<ArrayBuffer>> {
@@ -32,8 +55,17 @@ export async function unpack(hash: string): Promise<Shared | null> {
     const shared = JSON.parse(new TextDecoder().decode(bytes));
     const isText = (value: unknown) => typeof value === "string";
     if (!isText(shared.path) || !isText(shared.text) || !isText(shared.world)) return null;
-    return { path: shared.path, text: shared.text, world: shared.world };
+    return { path: shared.path, text: shared.text, world: shared.world, moment: momentOf(shared.moment) };
   } catch {
     return null;
   }
+}
+
+/** A moment that came with a link: none where it makes no sense. */
+function momentOf(given: Partial<Moment> | undefined): Moment | undefined {
+  const isTime = (value: unknown): value is number => typeof value === "number" && value >= 0 && Number.isFinite(value);
+  if (!given || !isTime(given.t_us) || !isTime(given.until_us) || typeof given.text !== "string") return undefined;
+  const { breaks, stuck, stop_at_us, lines } = given.interventions ?? {};
+  if (![breaks, stuck, lines, given.then].every(Array.isArray) || !(stop_at_us === null || isTime(stop_at_us))) return undefined;
+  return given as Moment;
 }

@@ -1,10 +1,13 @@
-import { useEffect, useRef } from "preact/hooks";
-import { seconds, SPEEDS, type Studio } from "./studio";
+import { useEffect, useRef, useState } from "preact/hooks";
+import { FILLS, ink, penOf } from "./colours";
+import { CURVE_PX, drawCurve, drawName, drawSlots, NAMES_PX, SLOT_PX, slotWords } from "./plots";
+import { breakWords, seconds, SPEEDS, type Studio } from "./studio";
 
 const ROW_PX = 20;
-const NAMES_PX = 128;
-/** Colours of states, in turn: light enough for dark words, apart for colour-blind people, too. */
-const FILLS = ["#9ecae9", "#ffbf79", "#88d27a", "#f2cf5b", "#d6a5c9", "#9fd4cf", "#ff9d98", "#c9c3bd"];
+/** Height of the axis. */
+const FOOT_PX = 22;
+/** Transitions, log lines and others that are listed at most, around the moment. */
+const MOST_EVENTS = 200;
 
 interface Bar {
   state: string;
@@ -50,10 +53,67 @@ function Icon({ of }: { of: keyof typeof ICONS }) {
   return <svg class="icon" viewBox="0 0 16 16" aria-hidden="true"><path d={ICONS[of]} /></svg>;
 }
 
+/** Which numbers are plotted, and beyond which values the run pauses. */
+function Curves({ studio }: { studio: Studio }) {
+  const words = studio.words;
+  const [search, setSearch] = useState("");
+  const [limit, setLimit] = useState("");
+  const [curve, setCurve] = useState("");
+  const found = studio.curves.filter(([name]) => name.toLowerCase().includes(search.toLowerCase()));
+  const chosen = curve || studio.plotted[0] || "";
+  const pauses = (above: boolean) => {
+    const value = Number.parseFloat(limit.replace(",", "."));
+    if (chosen && Number.isFinite(value)) studio.toggleBreakpoint({ kind: "value", curve: chosen, above, limit: value });
+  };
+  return (
+    <div class="curves">
+      <input type="search" value={search} placeholder={words.searchValue} aria-label={words.searchValue}
+        onInput={(event) => setSearch(event.currentTarget.value)} />
+      <ul tabIndex={0} aria-label={words.values}>{found.map(([name, unit]) => (
+        <li><label><input type="checkbox" checked={studio.plotted.includes(name)} onChange={() => studio.plot(name)} />
+          {" "}{name}{unit && ` (${unit})`}</label></li>
+      ))}</ul>
+      <div class="limit">
+        <label>{words.pauseWhere} <select value={chosen} onChange={(event) => setCurve(event.currentTarget.value)}>
+          {studio.plotted.map((name) => <option value={name} selected={name === chosen}>{name}</option>)}</select></label>
+        <input type="text" inputMode="decimal" value={limit} aria-label={words.limit} placeholder={words.limit}
+          onInput={(event) => setLimit(event.currentTarget.value)} />
+        <button disabled={!chosen || !limit} onClick={() => pauses(true)}>{words.above}</button>
+        <button disabled={!chosen || !limit} onClick={() => pauses(false)}>{words.below}</button>
+      </div>
+    </div>
+  );
+}
+
+/** What happened, in the order of time; a click leads to its moment. */
+function Events({ studio }: { studio: Studio }) {
+  const words = studio.words;
+  const run = studio.run;
+  if (!run) return null;
+  const all: [number, string, string][] = [
+    ...run.transitions.map(([t_us, from, to, event, sent]): [number, string, string] => (
+      [t_us, "transition", `${from} → ${to}${event === "pulse" ? "" : ` (${event})`}${sent.length > 0 ? ` ⇒ ${sent.join(", ")}` : ""}`])),
+    ...run.log.map(([t_us, text]): [number, string, string] => [t_us, "log", text.trim()]),
+    ...run.words.filter(([, text]) => !text.includes(" -> ")).map(([t_us, text]): [number, string, string] => [t_us, "word", text.trim()]),
+    ...run.faults.map(([t_us, code]): [number, string, string] => [t_us, "fault", code]),
+    ...(run.connected?.notes ?? []).map((text): [number, string, string] => [run.done_us, "word", text]),
+  ];
+  all.sort((a, b) => a[0] - b[0]);
+  const here = all.filter(([t_us]) => t_us <= studio.t_us).length;
+  const first = Math.max(0, here - MOST_EVENTS);
+  return (
+    <ol class="events" tabIndex={0} aria-label={words.events}>{all.slice(first, here).reverse().map(([t_us, kind, text]) => (
+      <li class={kind}><button class="plain" onClick={() => { studio.isPlaying = false; studio.seek(t_us); }}>
+        <span class="facts">{seconds(t_us)}</span> {text}</button></li>
+    ))}</ol>
+  );
+}
+
 /** The time: states over it, and all that moves through it. */
 export function Time({ studio }: { studio: Studio }) {
   const words = studio.words;
   const canvas = useRef<HTMLCanvasElement>(null);
+  const slotCanvas = useRef<HTMLCanvasElement>(null);
   const run = studio.run;
   const kept = useRef<{ of: unknown; length: number; done: number; rows: Map<string, Bar[]> } | undefined>(undefined);
   if (kept.current?.of !== run || kept.current?.length !== run?.active.length || kept.current?.done !== run?.done_us) {
@@ -61,88 +121,117 @@ export function Time({ studio }: { studio: Studio }) {
   }
   const bars = kept.current!.rows;
   useEffect(() => {
-    const paint = () => draw(canvas.current, studio, bars);
+    const paint = () => {
+      draw(canvas.current, studio, bars);
+      drawTiming(slotCanvas.current, studio);
+    };
     paint();
     const observer = new ResizeObserver(paint);
     if (canvas.current) observer.observe(canvas.current);
     return () => observer.disconnect();
   });
-  const whole_us = run?.plan.until_us ?? studio.until_us;
+  const [choosesCurves, setChoosesCurves] = useState(false);
+  const start_us = run?.start_us ?? 0;
+  const whole_us = run?.until_us ?? studio.until_us;
   const seek = (event: PointerEvent) => {
     if (!canvas.current || !run || !(event.buttons & 1)) return;
     const box = canvas.current.getBoundingClientRect();
     studio.isPlaying = false;
-    studio.seek(((event.clientX - box.left - NAMES_PX) / (box.width - NAMES_PX - 8)) * whole_us);
+    const part = (event.clientX - box.left - NAMES_PX) / (box.width - NAMES_PX - 8);
+    studio.seek(start_us + part * (whole_us - start_us));
   };
-  const isWorking = run !== null && !run.end && !run.error;
+  const isWorking = run?.kind === "simulated" && !run.end && !run.error;
+  const isLive = run?.kind === "live";
+  const goesOn = isLive ? studio.follows : studio.isPlaying;
+  const kinds = { simulated: "", recorded: words.recorded, live: run?.connected ? words.connected(run.connected.board, run.behind_ms) : words.connecting };
+  const height = bars.size * ROW_PX + studio.plotted.length * CURVE_PX + FOOT_PX;
+  const slots = studio.slots?.slots.length ?? 0;
   return (
-    <section class="panel time" aria-label={words.time}>
+    <section class="panel time" aria-label={words.time} data-behind-ms={run?.behind_ms}>
       <div class="transport">
         <button class="main" onClick={() => studio.start()} title="Ctrl+Enter" disabled={!studio.isLoaded}>
-          ▶ {run ? words.runAgain : words.run}</button>
+          ▶ {run?.kind === "simulated" ? words.runAgain : words.run}</button>
+        {studio.isLive && !isLive && <button onClick={() => studio.connect()}>{words.connect}</button>}
         <span class="group">
-          <button disabled={!run} onClick={() => { studio.isPlaying = false; studio.seek(0); }}
+          <button disabled={!run} onClick={() => { studio.isPlaying = false; studio.seek(start_us); }}
             aria-label={words.toStart} title={words.toStart}><Icon of="start" /></button>
           <button disabled={!run} onClick={() => studio.step(-1)} aria-label={words.stepBack} title={`${words.stepBack} (Alt+←)`}><Icon of="back" /></button>
           <button disabled={!run} onClick={() => studio.toggle()}
-            aria-label={studio.isPlaying ? words.pause : words.play}
-            title={`${studio.isPlaying ? words.pause : words.play} (Alt+Enter)`}><Icon of={studio.isPlaying ? "pause" : "play"} /></button>
+            aria-label={goesOn ? words.pause : words.play}
+            title={`${goesOn ? words.pause : words.play} (Alt+Enter)`}><Icon of={goesOn ? "pause" : "play"} /></button>
           <button disabled={!run} onClick={() => studio.step(1)} aria-label={words.step} title={`${words.step} (Alt+→)`}><Icon of="step" /></button>
         </span>
         <output class="clock" aria-label={words.time}>{seconds(studio.t_us)} / {(whole_us / 1e6).toFixed(0)} s</output>
-        <input type="range" class="slider" min={0} max={whole_us} step={10_000} value={studio.t_us} disabled={!run}
+        <input type="range" class="slider" min={start_us} max={whole_us} step={10_000} value={studio.t_us} disabled={!run}
           aria-label={words.time} aria-valuetext={seconds(studio.t_us)}
           onInput={(event) => { studio.isPlaying = false; studio.seek(Number(event.currentTarget.value)); }} />
         <label class="speed"><span>{words.speed}</span> <select value={studio.speed}
           onChange={(event) => studio.set({ speed: Number(event.currentTarget.value) })}>
-          {SPEEDS.map((speed) => <option value={speed}>×{speed}</option>)}</select></label>
-        <button onClick={() => studio.longer()} title={words.longerHelp}>{words.longer}</button>
+          {SPEEDS.map((speed) => <option value={speed} selected={speed === studio.speed}>×{speed}</option>)}</select></label>
+        {(!run || run.kind === "simulated") && <button onClick={() => studio.longer()} title={words.longerHelp}>{words.longer}</button>}
+        <span class="group">
+          <button disabled={!run} aria-pressed={choosesCurves} onClick={() => setChoosesCurves(!choosesCurves)}>{words.values}</button>
+          <button disabled={!run} aria-pressed={studio.showsSlots} onClick={() => studio.showSlots()}>{words.slots}</button>
+          <button disabled={!run} aria-pressed={studio.showsEvents}
+            onClick={() => studio.set({ showsEvents: !studio.showsEvents })}>{words.events}</button>
+        </span>
         {studio.isOutdated && <span class="outdated"><span>{words.outdated}</span>
           <button onClick={() => studio.change()} title={words.changeHelp} disabled={studio.problems.some((it) => it.severity === 1)}>
             {words.change}</button></span>}
       </div>
       <p class="note" role="status">
-        {run?.error ? <strong class="error">{words.failed} {run.error}</strong> : isWorking && studio.t_us >= run!.done_us ? words.running : studio.notice}
+        {run?.error ? <strong class="error">{run.kind === "simulated" ? words.failed : ""} {run.error}</strong>
+          : isWorking && studio.t_us >= run!.done_us ? words.running : studio.notice || run?.note || (run && kinds[run.kind])}
       </p>
+      {studio.breakpoints.size > 0 && <ul class="breaks" aria-label={words.breakpoints}>
+        {[...studio.breakpoints.values()].map((it) => (
+          <li><button title={words.takeBack} onClick={() => studio.toggleBreakpoint(it)}>● {breakWords(it, words)} ×</button></li>
+        ))}</ul>}
+      {choosesCurves && run && <Curves studio={studio} />}
       {run && <div class="lanes" tabIndex={0} role="region" aria-label={words.timelineLabel}>
-        <canvas ref={canvas} style={{ height: `${bars.size * ROW_PX + 22}px` }} role="img" aria-label={words.timelineLabel}
+        <canvas ref={canvas} style={{ height: `${height}px` }} role="img" aria-label={words.timelineLabel}
           onPointerDown={(event) => { event.currentTarget.setPointerCapture(event.pointerId); seek(event); }} onPointerMove={seek} />
       </div>}
+      {run && studio.showsSlots && <div class="lanes" tabIndex={0} role="region" aria-label={words.slotsHelp}>
+        <canvas ref={slotCanvas} style={{ height: `${slots * SLOT_PX + FOOT_PX}px` }} role="img"
+          aria-label={`${words.slotsHelp} ${slotWords(studio)}`} />
+        <p class="note">{run.kind === "live" ? words.slotsLive : words.slotsNominal}</p>
+      </div>}
+      {studio.showsEvents && <Events studio={studio} />}
     </section>
   );
 }
 
+function drawTiming(canvas: HTMLCanvasElement | null, studio: Studio): void {
+  const drawn = penOf(canvas);
+  if (!drawn) return;
+  drawn.pen.textBaseline = "middle";
+  drawSlots({ ...drawn, top: 0 }, studio);
+}
+
 function draw(canvas: HTMLCanvasElement | null, studio: Studio, bars: Map<string, Bar[]>): void {
-  const pen = canvas?.getContext("2d");
-  if (!canvas || !pen || !studio.run) return;
-  const ratio = window.devicePixelRatio || 1;
-  const { clientWidth: width, clientHeight: height } = canvas;
-  canvas.width = width * ratio;
-  canvas.height = height * ratio;
-  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  const style = getComputedStyle(document.documentElement);
-  const ink = style.getPropertyValue("--ink").trim();
-  const soft = style.getPropertyValue("--soft").trim();
-  const whole = studio.run.plan.until_us;
-  const x = (t_us: number) => NAMES_PX + ((width - NAMES_PX - 8) * t_us) / whole;
+  const drawn = penOf(canvas);
+  const run = studio.run;
+  if (!drawn || !run) return;
+  const { pen, width, height } = drawn;
+  const [start, whole] = [run.start_us, run.until_us];
+  const x = (t_us: number) => NAMES_PX + ((width - NAMES_PX - 8) * (t_us - start)) / (whole - start);
+  const soft = ink("--soft");
   pen.font = "12px system-ui, sans-serif";
   pen.textBaseline = "middle";
   let row = 0;
   for (const [region, list] of bars) {
     const top = row++ * ROW_PX;
-    pen.fillStyle = ink;
-    pen.textAlign = "right";
     const name = region.split("/").slice(-2).join("/");
-    pen.save();
-    pen.beginPath();
-    pen.rect(0, top, NAMES_PX - 6, ROW_PX);
-    pen.clip();
-    pen.fillText(region.includes("/") ? name : region, NAMES_PX - 8, top + ROW_PX / 2);
-    pen.restore();
+    drawName({ pen, width, top }, region.includes("/") ? name : region, ROW_PX);
     const names: string[] = [];
+    // Of stretches that are too short to be seen, one a column is drawn.
+    let drawn_to = -1;
     for (const bar of list) {
       if (!names.includes(bar.state)) names.push(bar.state);
       const [from, to] = [x(bar.from), x(bar.to)];
+      if (to < drawn_to + 1 && to - from < 1) continue;
+      drawn_to = to;
       if (bar.state === "initial" || bar.state === "final") pen.fillStyle = soft;
       else pen.fillStyle = FILLS[names.indexOf(bar.state) % FILLS.length];
       pen.fillRect(from, top + 2, Math.max(1, to - from), ROW_PX - 4);
@@ -151,22 +240,28 @@ function draw(canvas: HTMLCanvasElement | null, studio: Studio, bars: Map<string
         pen.beginPath();
         pen.rect(from, top, to - from - 3, ROW_PX);
         pen.clip();
-        pen.fillStyle = "#1a1a1a";
+        pen.fillStyle = bar.state === "initial" || bar.state === "final" ? ink("--paper") : "#1a1a1a";
         pen.textAlign = "left";
         pen.fillText(bar.state, from + 4, top + ROW_PX / 2);
         pen.restore();
       }
     }
   }
-  const foot = row * ROW_PX;
-  pen.fillStyle = ink;
+  let foot = row * ROW_PX;
+  for (const [index, name] of studio.plotted.entries()) {
+    drawCurve({ pen, width, top: foot }, studio, name, index, x);
+    foot += CURVE_PX;
+  }
+  pen.font = "12px system-ui, sans-serif";
+  pen.fillStyle = ink("--ink");
   pen.textAlign = "center";
-  const each = [1, 2, 5, 10, 20, 60, 120, 300, 600].find((step) => whole / 1e6 / step <= 13) ?? 600;
-  for (let second = 0; second <= whole / 1e6; second += each) {
+  const seconds_in_all = (whole - start) / 1e6;
+  const each = [1, 2, 5, 10, 20, 60, 120, 300, 600, 3600].find((step) => seconds_in_all / step <= 13) ?? 3600;
+  for (let second = Math.ceil(start / 1e6 / each) * each; second <= whole / 1e6; second += each) {
     pen.fillRect(x(second * 1e6), foot, 1, 4);
     pen.fillText(`${second} s`, Math.min(x(second * 1e6), width - 18), foot + 12);
   }
   const here = x(studio.t_us);
-  pen.fillStyle = style.getPropertyValue("--accent").trim();
+  pen.fillStyle = ink("--accent");
   pen.fillRect(here - 1, 0, 2, height);
 }

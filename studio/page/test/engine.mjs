@@ -12,8 +12,9 @@ export async function moduleOf(dist) {
 export function instance(module) {
   const engine = new WebAssembly.Instance(module, {}).exports;
   const text = (at, bytes) => new TextDecoder().decode(new Uint8Array(engine.memory.buffer, at, bytes));
-  return (request) => {
-    const bytes = new TextEncoder().encode(JSON.stringify(request));
+  return (request, attached = null) => {
+    const words = new TextEncoder().encode(JSON.stringify(request));
+    const bytes = attached ? Buffer.concat([words, Buffer.from([0]), attached]) : words;
     const room = engine.studio_room(bytes.length);
     new Uint8Array(engine.memory.buffer, room, bytes.length).set(bytes);
     let length;

@@ -39,9 +39,11 @@ function pageRun(plan) {
   call({ call: "files", files: plan.files ?? files });
   call({ call: "start", seed: 1, ...plan });
   // In slices, as the page does.
+  const walls = [];
   for (let to_us = 3_000_000; ; to_us += 3_000_000) {
     const part = call({ call: "go_on", to_us });
-    if (!part.goes_on) return { ...part, call };
+    walls.push(...part.walls);
+    if (!part.goes_on) return { ...part, walls, call };
   }
 }
 
@@ -78,6 +80,20 @@ check("a sonar that dies, and the emergency stop", () => {
     breaks: [{ sonar: 0, fault: "dead", at_us: 2_500_000 }], stop_at_us: 8_000_000,
   });
   same(page.end.trace, readFileSync(trace, "utf8"));
+});
+
+check("a wall that comes, and a wheel that something holds", () => {
+  const world = join(out, "walled.world");
+  const text = `${worlds["/missions/worlds/office.world"]}\nwall 1.2,1.4 1.8,1.9 from 2500 ms\n`;
+  writeFileSync(world, text);
+  const words = ["--world", world, "--break", "wheel right at 6 s", "--until", "9 s", "--trace", trace];
+  command(["run", "missions/patrol.esm", "--board", "host", ...words]);
+  const stuck = [{ wheel: "right", at_us: 6_000_000 }];
+  const page = pageRun({ path: "/missions/patrol.esm", world: text, until_us: 9e6, stuck });
+  same(page.end.trace, readFileSync(trace, "utf8"));
+  assert.equal(page.walls.length, 1);
+  const plain = pageRun({ path: "/missions/patrol.esm", world: worlds["/missions/worlds/office.world"], until_us: 9e6 });
+  assert.notEqual(plain.end.trace, page.end.trace);
 });
 
 check("a changed mission that takes over warm", () => {
@@ -124,6 +140,75 @@ check("guards at a moment", () => {
     const found = chosen.find((it) => it.from === line.from && it.to === line.to);
     assert.ok(found && found.holds && found.heard, `${line.from} -> ${line.to} at ${line.t_us}`);
   }
+});
+
+check("why a transition was not taken", () => {
+  const page = pageRun({ path: "/missions/patrol.esm", world: worlds["/missions/worlds/office.world"], until_us: 20e6 });
+  let asked = 0;
+  for (let t_us = 500_000; t_us < 20e6; t_us += 1_300_000) {
+    const choices = page.call({ call: "choices", t_us });
+    for (const choice of choices.micro_steps[0].choices) {
+      const [told] = page.call({ call: "missing", t_us, from: choice.from, to: choice.to })
+        .filter((it) => it.guard === choice.guard);
+      // The terms are those that the guard was evaluated with, and turning what is missing over makes it true.
+      assert.deepEqual(told.terms.map((it) => [it.name, it.set]), choice.terms);
+      assert.equal(told.missing.some((set) => set.length === 0), choice.holds, `${choice.from} -> ${choice.to} at ${t_us}`);
+      for (const term of told.terms) {
+        // Just before, the term was another one, or its state was not current.
+        if (term.since.first) continue;
+        const [before] = page.call({ call: "missing", t_us: term.since.t_us - 1, from: choice.from, to: choice.to })
+          .filter((it) => it.guard === choice.guard);
+        const then = before.terms.find((it) => it.name === term.name);
+        assert.equal(then.set, !term.set, `${choice.from} -> ${choice.to}, ${term.name} at ${t_us}`);
+        asked += 1;
+      }
+      for (const [number, [name]] of choice.terms.entries()) {
+        const changes = page.call({ call: "term", from: choice.from, to: choice.to, number: 0, term: name });
+        const last = changes.filter(([at]) => at <= t_us).at(-1);
+        const same = page.call({ call: "missing", t_us, from: choice.from, to: choice.to })[0].terms.find((it) => it.name === name);
+        if (same) assert.equal(last[1], same.set, `${name} at ${t_us}`);
+        assert.ok(number >= 0);
+      }
+    }
+  }
+  assert.ok(asked > 10, `${asked} terms that have changed`);
+});
+
+check("a recording, and one that grows, have what the run had", () => {
+  const recording = join(out, "patrol.rec");
+  const words = ["--until", "20 s", "--record", recording, "--trace", trace];
+  command(["run", "missions/patrol.esm", "--board", "host", ...words]);
+  const lines = readFileSync(trace, "utf8").trim().split("\n").map((line) => JSON.parse(line));
+  const taken = lines.filter((line) => line.kind === "transition" && line.step > 0).map((line) => [line.t_us, line.from, line.to]);
+  const bytes = readFileSync(recording);
+  const call = instance(module);
+  const whole = call({ call: "record" }, bytes);
+  assert.equal(whole.ended, null);
+  assert.deepEqual(whole.transitions.filter(([t_us]) => t_us > 0).map(([t_us, from, to]) => [t_us, from, to]), taken);
+  assert.ok(whole.shown.length > 150 && whole.hash && whole.missions[0].name === "patrol");
+  const pose = call({ call: "curve", name: "position/Track.pose x" });
+  assert.deepEqual(pose.map(([, x]) => x), whole.shown.map((it) => it[1]));
+  for (const [t_us, active] of whole.active.slice(1)) {
+    const line = lines.findLast((line) => line.kind === "step" && line.t_us <= t_us);
+    assert.deepEqual([...active].sort(), [...line.active].sort(), `at ${t_us}`);
+  }
+  // In parts that end with a frame each, as the command sends them.
+  const ends = [];
+  for (let at = 8; at < bytes.length; at += 9 + bytes.readUInt32LE(at + 1)) ends.push(at + 9 + bytes.readUInt32LE(at + 1));
+  const growing = instance(module);
+  const [active, transitions, shown] = [[], [], []];
+  for (const [index, end] of ends.entries()) {
+    const part = growing({ call: "live", steps: null }, bytes.subarray(index === 0 ? 0 : ends[index - 1], end));
+    if (!part) continue;
+    active.splice(part.kept[0], Infinity, ...part.active);
+    transitions.splice(part.kept[1], Infinity, ...part.transitions);
+    shown.splice(part.kept[2], Infinity, ...part.shown);
+  }
+  assert.deepEqual(transitions, whole.transitions);
+  assert.deepEqual(shown, whole.shown);
+  assert.deepEqual(active, whole.active);
+  assert.throws(() => instance(module)({ call: "record" }, Buffer.from("ESMREC")), /empty/);
+  assert.throws(() => instance(module)({ call: "record" }, Buffer.from("nothing")), /no recording/);
 });
 
 check("what is no request", () => {

@@ -53,6 +53,7 @@ use crate::serial::clock::Clock;
 pub use error::{ClientError, Flaw};
 pub use esm_toolkit::streams::StreamEvent;
 use esm_toolkit::streams::{Assembler, Waiting};
+use esm_toolkit::values::{ask_for_fields, ask_for_values};
 use session::{Answer, Expected, innermost_kind};
 use signing::Signing;
 pub use signing::{KeyLoader, RobotIdentity};
@@ -572,7 +573,7 @@ impl<L: ByteLink> LinkClient<L> {
             let Ok(offset) = u16::try_from(parts.there()) else {
                 return Err(bad);
             };
-            let ask = numbers_of(0, mission, &[net, offset]);
+            let ask = ask_for_fields(mission, net, offset);
             let is_whole = self.ask(
                 name,
                 Request::Values { ask: &ask },
@@ -602,8 +603,7 @@ impl<L: ByteLink> LinkClient<L> {
         period: Duration,
     ) -> Result<u8, ClientError> {
         let period_ms = u16::try_from(period.as_millis()).unwrap_or(u16::MAX);
-        let numbers = [&[period_ms], nets].concat();
-        let ask = numbers_of(1, mission, &numbers);
+        let ask = ask_for_values(mission, period_ms, nets);
         self.ask_to_do("values", Request::Values { ask: &ask })?;
         Ok(self.seq)
     }
@@ -1390,13 +1390,6 @@ fn too_long(request: &'static str) -> ClientError {
         request,
         error: LinkError::TooLong,
     }
-}
-
-/// What is asked about values on nets, as [`Ask`](esm_link::telemetry::Ask) reads it.
-fn numbers_of(what: u16, mission: u32, numbers: &[u16]) -> Vec<u8> {
-    let mission = [mission as u16, (mission >> u16::BITS) as u16];
-    let all = [&[what], &mission[..], numbers].concat();
-    all.iter().flat_map(|number| number.to_le_bytes()).collect()
 }
 
 /// Whether a request changes what the robot does, so that it must not be carried out when nobody

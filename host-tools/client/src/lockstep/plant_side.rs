@@ -8,7 +8,7 @@ use rt_firmware::body::{Reply, Request, SONARS};
 use super::pace::Pace;
 use crate::flash::Flash;
 use esm_toolkit::plant::behind_pins::{BehindPins, PlantBehindPins};
-pub use esm_toolkit::plant::behind_pins::{PlantFault, SonarBreak};
+pub use esm_toolkit::plant::behind_pins::{PlantFault, SonarBreak, StuckWheel};
 use esm_toolkit::plant::{Plant, Pulse, RecordedRanges, WiringFault};
 
 /// A plant behind a board's pins, shared by the thread that answers the board and the one that
@@ -59,6 +59,11 @@ impl PlantSide {
     /// How far the wheels have turned forwards since the start, left and right, in radians.
     pub fn wheels_turned_rad(&self) -> [f64; 2] {
         self.lock().plant().wheels_turned_rad()
+    }
+
+    /// Lets something hold these wheels, each from its time on.
+    pub fn stick_wheels(&self, stuck: Vec<StuckWheel>) {
+        self.lock().stick_wheels(stuck);
     }
 
     /// Lets the sonars measure what was recorded. Where that ends, the time of interest does,

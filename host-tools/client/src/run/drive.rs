@@ -24,7 +24,7 @@ use crate::link_client::log_lines::{LogLine, LogReader, LogTableError};
 use crate::link_client::{ClientError, KeyLoader, LinkClient, StreamEvent, Streams};
 use crate::lockstep::line::STANDSTILL_LIMIT;
 use crate::lockstep::pace::{Hold, Pace};
-use crate::lockstep::plant_side::{PlantFault, PlantSide, SonarBreak};
+use crate::lockstep::plant_side::{PlantFault, PlantSide, SonarBreak, StuckWheel};
 use crate::serial::ByteLink;
 use crate::serial::noise::{Noise, Noisy};
 use crate::values::Subscription;
@@ -100,6 +100,8 @@ pub struct Plan {
     pub plant_fault: Option<PlantFault>,
     /// Sonars that break while it runs.
     pub sonar_breaks: Vec<SonarBreak>,
+    /// Wheels that something holds while it runs.
+    pub stuck_wheels: Vec<StuckWheel>,
     /// What the sonars measure instead of the world. The run ends with it, if not before.
     pub sensors: Option<RecordedRanges>,
     /// What the list of behaviours is told while it goes.
@@ -144,6 +146,7 @@ impl Plan {
             body: BodyParameters::default(),
             plant_fault: None,
             sonar_breaks: Vec::new(),
+            stuck_wheels: Vec::new(),
             sensors: None,
             by_hand: ByHand::default(),
             flash: None,
@@ -379,6 +382,7 @@ impl<W: Write> Driver<W> {
             plant.inject(fault);
         }
         plant.break_sonars(plan.sonar_breaks);
+        plant.stick_wheels(plan.stuck_wheels);
         if let Some(ranges) = plan.sensors {
             plant.measure_from(ranges);
         }

@@ -2,7 +2,8 @@
 
 use std::io;
 use std::net::Ipv4Addr;
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use tiny_http::{Header, Method, Request, Response, Server, StatusCode};
 
@@ -10,6 +11,24 @@ use super::site::Site;
 
 /// How often is looked whether it is to end.
 const LOOK_INTERVAL: Duration = Duration::from_millis(50);
+
+/// Name of what a page asks for news of the robot.
+const LIVE: &str = "live";
+
+/// What answers a page's question for news of the robot.
+pub trait Answers: Sync {
+    /// The answer to a question; none where there is nothing new, unless one is due.
+    fn answer(&self, query: &str, is_due: bool) -> Option<Vec<u8>>;
+}
+
+/// How long a page waits for news of the robot, before it is told that there are none.
+const LONGEST_WAIT: Duration = Duration::from_secs(5);
+
+/// Requests for news of the robot that wait at most: a page has one. More are answered at once.
+const MOST_WAITING: usize = 16;
+
+/// The type of what is no text.
+const BINARY: &str = "application/octet-stream";
 
 /// Bytes of the token: nobody guesses so many.
 const TOKEN_BYTES: usize = 16;
@@ -83,11 +102,20 @@ impl Door {
     }
 }
 
+/// A request for news of the robot.
+struct Waiting {
+    query: String,
+    request: Request,
+    since: Instant,
+}
+
 /// A server that listens.
 pub struct Listener {
     server: Server,
     door: Door,
     port: u16,
+    /// Whether it was woken and has not looked yet.
+    is_woken: AtomicBool,
 }
 
 impl Listener {
@@ -110,6 +138,7 @@ impl Listener {
             server,
             door: Door::new(token, port),
             port,
+            is_woken: AtomicBool::new(false),
         })
     }
 
@@ -118,21 +147,61 @@ impl Listener {
         format!("http://127.0.0.1:{}/{}/", self.port, self.door.token)
     }
 
-    /// Serves the page until it is to end.
+    /// Serves the page until it is to end; of a robot, too, where there is one.
     ///
     /// # Errors
     /// The system takes the port away.
-    pub fn serve(&self, site: &Site, is_over: impl Fn() -> bool) -> io::Result<()> {
-        while !is_over() {
-            if let Some(request) = self.server.recv_timeout(LOOK_INTERVAL)? {
-                // Whoever asked may have gone.
-                let _ = self.respond(request, site);
+    pub fn serve(
+        &self,
+        site: &Site,
+        robot: Option<&dyn Answers>,
+        is_over: impl Fn() -> bool,
+    ) -> io::Result<()> {
+        let mut waiting: Vec<Waiting> = Vec::new();
+        loop {
+            self.is_woken.store(false, Ordering::Relaxed);
+            let ends = is_over();
+            if let Some(robot) = robot {
+                let asked = std::mem::take(&mut waiting);
+                let first = asked.len().saturating_sub(MOST_WAITING);
+                for (number, one) in asked.into_iter().enumerate() {
+                    let is_due = ends || number < first || one.since.elapsed() >= LONGEST_WAIT;
+                    match robot.answer(&one.query, is_due) {
+                        // Whoever asked may have gone.
+                        Some(bytes) => drop(send(one.request, 200, BINARY, &bytes)),
+                        None => waiting.push(one),
+                    }
+                }
+            }
+            if ends {
+                return Ok(());
+            }
+            let Some(request) = self.server.recv_timeout(LOOK_INTERVAL)? else {
+                continue;
+            };
+            // Whoever asked may have gone.
+            if let Ok(Some(asked)) = self.respond(request, site, robot.is_some()) {
+                waiting.push(asked);
             }
         }
-        Ok(())
     }
 
-    fn respond(&self, request: Request, site: &Site) -> io::Result<()> {
+    /// Lets the server look for what is new of the robot.
+    pub fn wake(&self) {
+        // Once is enough: those that it has not come to yet would be kept.
+        if !self.is_woken.swap(true, Ordering::Relaxed) {
+            self.server.unblock();
+        }
+    }
+
+    /// Answers a request; one for what is new of the robot comes back, to be answered when there is
+    /// something.
+    fn respond(
+        &self,
+        request: Request,
+        site: &Site,
+        has_robot: bool,
+    ) -> io::Result<Option<Waiting>> {
         let header = |name: &'static str| {
             let mut headers = request.headers().iter();
             let found = headers.find(|header| header.field.equiv(name));
@@ -145,21 +214,34 @@ impl Listener {
             origin: header("Origin"),
         };
         let (status, kind, bytes) = match self.door.answer(&asked) {
+            Answer::File(LIVE) if has_robot => {
+                let query = (asked.path.split_once('?')).map_or("", |(_, query)| query);
+                return Ok(Some(Waiting {
+                    query: query.to_owned(),
+                    request,
+                    since: Instant::now(),
+                }));
+            }
             Answer::File(name) => match site.file(name) {
                 Some((kind, bytes)) => (200, kind, bytes),
                 None => refusal(Answer::NotFound),
             },
             other => refusal(other),
         };
-        let mut response = Response::from_data(bytes).with_status_code(StatusCode(status));
-        for (name, value) in HEADERS.into_iter().chain([("Content-Type", kind)]) {
-            // All of these are headers.
-            if let Ok(header) = Header::from_bytes(name, value) {
-                response.add_header(header);
-            }
-        }
-        request.respond(response)
+        send(request, status, kind, bytes)?;
+        Ok(None)
     }
+}
+
+fn send(request: Request, status: u16, kind: &str, bytes: &[u8]) -> io::Result<()> {
+    let mut response = Response::from_data(bytes).with_status_code(StatusCode(status));
+    for (name, value) in HEADERS.into_iter().chain([("Content-Type", kind)]) {
+        // All of these are headers.
+        if let Ok(header) = Header::from_bytes(name, value) {
+            response.add_header(header);
+        }
+    }
+    request.respond(response)
 }
 
 fn refusal(answer: Answer<'_>) -> (u16, &'static str, &'static [u8]) {

@@ -61,6 +61,8 @@ struct Catalogue<'a> {
     files: BTreeMap<&'a str, &'a str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     open: Option<&'a str>,
+    /// Whether the command is connected to a robot.
+    live: bool,
 }
 
 /// The page, with what it opens.
@@ -70,16 +72,18 @@ pub struct Site {
 }
 
 impl Site {
-    /// The page with the missions that ship, and these.
+    /// The page with the missions that ship, and these; and whether it shows a robot that is
+    /// connected.
     ///
     /// # Errors
     /// What cannot be JSON: nothing, for all of it is text.
-    pub fn with(opened: &Opened) -> Result<Self, serde_json::Error> {
+    pub fn with(opened: &Opened, live: bool) -> Result<Self, serde_json::Error> {
         let shipped = SHIPPED.iter().copied();
         let own = (opened.files.iter()).map(|(path, text)| (path.as_str(), text.as_str()));
         let catalogue = Catalogue {
             files: shipped.chain(own).collect(),
             open: opened.first.as_deref(),
+            live,
         };
         Ok(Site {
             catalogue: serde_json::to_vec(&catalogue)?,
@@ -146,11 +150,12 @@ mod tests {
             files: BTreeMap::from([("/disk/a.esm".to_owned(), "machine A { }".to_owned())]),
             first: Some("/disk/a.esm".to_owned()),
         };
-        let site = Site::with(&opened).unwrap();
+        let site = Site::with(&opened, false).unwrap();
         let (kind, bytes) = site.file(CATALOGUE).unwrap();
         assert_eq!(kind, "application/json");
         let read: serde_json::Value = serde_json::from_slice(bytes).unwrap();
         assert_eq!(read["open"], "/disk/a.esm");
+        assert_eq!(read["live"], false);
         assert_eq!(read["files"]["/disk/a.esm"], "machine A { }");
         let patrol = read["files"]["/missions/patrol.esm"].as_str().unwrap();
         assert!(patrol.contains("machine Patrol"));

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use esm_core::Verified;
-use esm_link::message::Request;
+use esm_link::message::{Channel, Request};
 use esm_link::trace::TraceEvent;
 use rt_firmware::Sides;
 use rt_firmware::body::{Actuators, PinImage, SONARS};
@@ -13,13 +13,15 @@ use super::port::DirectPort;
 use super::session::{RunError, Session, While};
 use super::wired_link::WiredLink;
 use crate::host_board::{BOARD, HostLife, log_lines};
-use crate::plant::behind_pins::{BehindPins, PlantBehindPins, PlantFault, SonarBreak};
+use crate::plant::behind_pins::{BehindPins, PlantBehindPins, PlantFault, SonarBreak, StuckWheel};
 use crate::plant::{BodyParameters, Plant};
 use crate::recording::file::Header;
+use crate::recording::samples::RawSample;
 use crate::recording::writer::RecordingWriter;
 use crate::story::{Story, Told};
 use crate::streams::StreamEvent;
 use crate::trace::directory::{Directory, NoDirectory};
+use crate::values::{Net, nets_of};
 use crate::world::World;
 
 /// The task whose missions want to hear of the host.
@@ -27,6 +29,11 @@ pub const LINK_MONITOR: &str = "LinkMonitor";
 
 /// How often a robot with such a mission is called, in microseconds of robot time.
 pub const CALL_INTERVAL_US: u64 = 50_000;
+
+/// How often values on nets are kept, in milliseconds of robot time; and how many samples a run has
+/// at most, of which a long one has fewer in the same time.
+const SAMPLE_MS: u64 = 100;
+const MOST_SAMPLES: u64 = 6_000;
 
 /// How often a run shows where the robot is, in microseconds of robot time.
 const SHOWN_EACH_US: u64 = 50_000;
@@ -46,6 +53,7 @@ pub struct RunMission {
     pub links: Vec<WiredLink>,
     /// Durations of its slots, in microseconds.
     durations_us: Vec<u32>,
+    nets: Vec<Net>,
     calls: bool,
 }
 
@@ -64,6 +72,7 @@ impl RunMission {
             directory,
             links: WiredLink::of(&tables),
             durations_us: tables.slots().map(|slot| slot.duration_us).collect(),
+            nets: nets_of(&verified)?,
             calls,
             blob: verified.into_bytes(),
         })
@@ -94,6 +103,8 @@ pub struct Settings {
     pub until_us: u64,
     /// Sonars that break while it runs.
     pub breaks: Vec<SonarBreak>,
+    /// Wheels that something holds while it runs.
+    pub stuck_wheels: Vec<StuckWheel>,
     /// Robot time at which the button of the emergency stop is pressed, in microseconds.
     pub stop_at_us: Option<u64>,
     /// Robot time from which on the robot hears nothing more of its host, in microseconds.
@@ -167,6 +178,8 @@ pub struct Given {
     /// People who were there from a time on, in microseconds, where that has changed: centre and
     /// radius, in metres.
     pub people: Vec<(u64, Vec<[f64; 3]>)>,
+    /// Walls that came at a time, in microseconds: both ends, in metres.
+    pub walls: Vec<(u64, [f64; 4])>,
 }
 
 /// A run that has come to its end.
@@ -198,9 +211,15 @@ pub struct HostRun<'p, 'q, 'm, B = PlantBehindPins> {
     /// Active regions that went on as they were, of each mission that took over.
     carried: Vec<u16>,
     people: Vec<[f64; 3]>,
+    /// How many walls have come.
+    walls: usize,
     active: Vec<String>,
     /// Whether current states may be others since they were looked at.
     is_moved: bool,
+    /// Whether the mission that runs is another one than the one whose values are sampled.
+    is_new: bool,
+    /// Hash of the mission whose values are sampled, and the number of the request for them.
+    sampled: Option<(u32, u8)>,
 }
 
 impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
@@ -219,6 +238,7 @@ impl<'p, 'q, 'm> HostRun<'p, 'q, 'm> {
         let plant = Plant::new(settings.world, settings.body, settings.seed)?;
         let mut behind = PlantBehindPins::new(plant, Some(until_us));
         behind.break_sonars(settings.breaks);
+        behind.stick_wheels(settings.stuck_wheels);
         if let Some(robot_us) = settings.stop_at_us {
             behind.inject(PlantFault::StopPressedFrom { robot_us });
         }
@@ -262,6 +282,8 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
             seed: Some(seed),
         };
         let mut recording = RecordingWriter::new(Vec::new(), head, Some(until_us))?;
+        // Guards are looked at in it.
+        recording.keep_all();
         for Planned { mission, .. } in &missions {
             let period_us = mission.directory.interpreter_period_us();
             recording.mission(&mission.name, mission.hash, &mission.blob, period_us)?;
@@ -282,8 +304,11 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
             given: Given::default(),
             carried: Vec::new(),
             people: Vec::new(),
+            walls: 0,
             active: Vec::new(),
             is_moved: true,
+            is_new: false,
+            sampled: None,
         };
         run.session.begin((&mut run.life, &mut run.port))?;
         Ok(run)
@@ -359,6 +384,9 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
             self.call(next_us)?;
             self.life.serve(&mut self.port);
             self.take_in()?;
+            if std::mem::take(&mut self.is_new) {
+                self.watch()?;
+            }
             self.life.pass(&mut self.port);
             self.show();
         }
@@ -430,6 +458,27 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
         (self.session).call(&mut self.port, "say how it is", Request::Status)
     }
 
+    /// Asks for the values of the mission that runs now.
+    fn watch(&mut self) -> Result<(), RunError> {
+        let current = self.started.checked_sub(1);
+        let Some(Planned { mission, .. }) = current.and_then(|index| self.missions.get(index))
+        else {
+            return Ok(());
+        };
+        let each_ms = SAMPLE_MS.max(self.until_us / 1_000 / MOST_SAMPLES);
+        let period_ms = u16::try_from(each_ms).unwrap_or(u16::MAX);
+        let board = (&mut self.life, &mut self.port);
+        let watched = (self.session).watch(board, &mission.nets, mission.hash, period_ms)?;
+        self.sampled = match watched {
+            None => None,
+            Some((nets, number)) => {
+                self.recording.nets(mission.hash, &nets)?;
+                Some((mission.hash, number))
+            }
+        };
+        self.take_in()
+    }
+
     /// Takes in what the board has said.
     fn take_in(&mut self) -> Result<(), RunError> {
         self.session.hear(&mut self.port, |_| {});
@@ -445,6 +494,29 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
                     let lines = text.lines().map(|line| (t_us, line.to_owned()));
                     self.given.log.extend(lines);
                 }
+                StreamEvent::Values {
+                    number,
+                    left_out: _,
+                    has,
+                    t_us,
+                    words,
+                } => {
+                    if let Some((mission, asked)) = self.sampled
+                        && number == asked
+                    {
+                        self.recording.sample(RawSample {
+                            mission,
+                            t_us,
+                            has,
+                            words,
+                        })?;
+                    }
+                }
+                // There is a next one.
+                StreamEvent::Gap {
+                    channel: Channel::Values,
+                    ..
+                } => {}
                 StreamEvent::Gap { missing, .. } if !self.story.has_ended() => {
                     return Err(RunError::Gap { missing });
                 }
@@ -467,6 +539,7 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
                     .mission(&next.mission.name, directory, start_us)?;
                 self.started += 1;
                 self.is_moved = true;
+                self.is_new = true;
             }
             self.is_moved |= matches!(record, TraceEvent::Transition { .. });
             let words = &mut self.given.words;
@@ -486,6 +559,9 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
 
     /// Notes where the robot is, where it is time to.
     fn show(&mut self) {
+        let walls = &mut self.walls;
+        let (given, known, shown) = (&mut self.given, &mut self.people, &mut self.shown_us);
+        let until_us = self.until_us;
         self.life.plant().look(|plant| {
             let t_us = plant.now_us();
             let people = plant.people();
@@ -495,17 +571,22 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
                     [circle.centre.x_m, circle.centre.y_m, circle.radius_m]
                 })
                 .collect();
-            if people != self.people {
-                self.given.people.push((t_us, people.clone()));
-                self.people = people;
+            if people != *known {
+                given.people.push((t_us, people.clone()));
+                *known = people;
+            }
+            for wall in plant.added_walls().iter().skip(*walls) {
+                let ends = [wall.from.x_m, wall.from.y_m, wall.to.x_m, wall.to.y_m];
+                given.walls.push((t_us, ends));
+                *walls += 1;
             }
             let is_due = |shown_us: u64| t_us >= shown_us + SHOWN_EACH_US;
-            if t_us > self.until_us || !self.shown_us.is_none_or(is_due) {
+            if t_us > until_us || !shown.is_none_or(is_due) {
                 return;
             }
-            self.shown_us = Some(t_us - t_us % SHOWN_EACH_US);
+            *shown = Some(t_us - t_us % SHOWN_EACH_US);
             let pose = plant.pose();
-            self.given.shown.push(Shown {
+            given.shown.push(Shown {
                 t_us,
                 at_m: [pose.position.x_m, pose.position.y_m],
                 heading_rad: pose.heading_rad,

@@ -12,6 +12,7 @@ use super::port::DirectPort;
 use crate::host_board::HostLife;
 use crate::plant::behind_pins::BehindPins;
 use crate::streams::{Assembler, StreamEvent, Waiting};
+use crate::values::{Net, Watched, ask_for_fields, ask_for_values, fields_of, kept};
 
 /// Turns of the board in which a request is answered: its bytes take no time, and what the
 /// real-time side has to do with it is done in the slot that comes next.
@@ -70,6 +71,7 @@ pub(super) struct Session {
     trace: Assembler,
     record: Assembler,
     log: Assembler,
+    values: Assembler,
     events: Waiting,
 }
 
@@ -81,6 +83,7 @@ impl Session {
             trace: Assembler::new(Channel::Trace),
             record: Assembler::new(Channel::Record),
             log: Assembler::new(Channel::Log),
+            values: Assembler::new(Channel::Values),
             events: Waiting::default(),
         }
     }
@@ -130,7 +133,7 @@ impl Session {
                         Channel::Trace => &mut self.trace,
                         Channel::Record => &mut self.record,
                         Channel::Log => &mut self.log,
-                        Channel::Values => continue,
+                        Channel::Values => &mut self.values,
                     };
                     assembler.take(&part, &mut self.events);
                 }
@@ -203,6 +206,61 @@ impl Session {
             streams,
             done,
         )
+    }
+
+    /// Asks for values on the nets of the mission that runs, as a recording keeps them. Answers
+    /// which, and the number that their samples have; none where it has none.
+    pub(super) fn watch<P: BehindPins>(
+        &mut self,
+        (life, port): (&mut HostLife<'_, '_, '_, P>, &mut DirectPort<'_>),
+        nets: &[Net],
+        mission: u32,
+        period_ms: u16,
+    ) -> Result<Option<(Vec<Watched>, u8)>, RunError> {
+        const VALUES: &str = "tell of values";
+        let no_answer = || RunError::NoAnswer { request: VALUES };
+        let mut all: Vec<Watched> = Vec::new();
+        for net in nets {
+            let known = all.iter().find(|it| it.net.type_name == net.type_name);
+            let fields = match known.map(|it| it.fields.clone()) {
+                Some(fields) => fields,
+                None => {
+                    let mut text = Vec::new();
+                    loop {
+                        let offset = u16::try_from(text.len()).map_err(|_| no_answer())?;
+                        let ask = ask_for_fields(mission, net.index, offset);
+                        let part = |response: Response<'_>| match response {
+                            Response::TaskText { total, text } => {
+                                Some((usize::from(total), text.to_vec()))
+                            }
+                            _ => None,
+                        };
+                        let request = Request::Values { ask: &ask };
+                        let board = (&mut *life, &mut *port);
+                        let (total, part) =
+                            self.ask(board, While::Standing, VALUES, request, part)?;
+                        let is_empty = part.is_empty();
+                        text.extend(part);
+                        if text.len() >= total || is_empty {
+                            break;
+                        }
+                    }
+                    let fields = fields_of(&String::from_utf8_lossy(&text));
+                    fields.ok_or_else(no_answer)?.into()
+                }
+            };
+            let net = net.clone();
+            all.push(Watched { net, fields });
+        }
+        let (nets, _) = kept(&all);
+        if nets.is_empty() {
+            return Ok(None);
+        }
+        let indices: Vec<u16> = nets.iter().map(|watched| watched.net.index).collect();
+        let ask = ask_for_values(mission, period_ms, &indices);
+        let request = Request::Values { ask: &ask };
+        self.ask((life, port), While::Standing, VALUES, request, done)?;
+        Ok(Some((nets, self.seq)))
     }
 
     /// Brings a mission to the board, and lets it take over. Answers how many active regions went

@@ -1,7 +1,8 @@
 //! The letters: widths for the layout, outlines for the PNG.
 //!
 //! Noto Sans (Apache-2.0) comes with the program, so that a picture does not depend on the fonts of
-//! the machine that makes it.
+//! the machine that makes it. Widths are a table of their own: what makes no PNG does without the
+//! outlines.
 
 use std::sync::LazyLock;
 
@@ -30,14 +31,31 @@ fn face(weight: Weight) -> Option<&'static Face<'static>> {
     }
 }
 
+/// Font units of the size of a letter.
+const UNITS_PER_EM: f32 = 2048.0;
+
+/// Each letter from which on letters have another width, and that width in font units; of each
+/// weight.
+static WIDTHS: [&[(u32, u16)]; 2] = include!(concat!(env!("OUT_DIR"), "/widths.rs"));
+
 /// Width of `words` set at `size`, in the unit of `size`.
 pub fn width(words: &str, size: f32, weight: Weight) -> f32 {
-    let Some(face) = face(weight) else { return 0.0 };
     let units: u32 = words
         .chars()
-        .map(|letter| u32::from(advance(face, letter).1))
+        .map(|letter| u32::from(units(letter, weight)))
         .sum();
-    units as f32 * size / f32::from(face.units_per_em())
+    units as f32 * size / UNITS_PER_EM
+}
+
+/// Distance from a letter to the next one, in font units.
+fn units(letter: char, weight: Weight) -> u16 {
+    let [regular, bold] = WIDTHS;
+    let widths = match weight {
+        Weight::Regular => regular,
+        Weight::Bold => bold,
+    };
+    let behind = widths.partition_point(|(first, _)| *first <= u32::from(letter));
+    (widths.get(behind.wrapping_sub(1))).map_or(0, |(_, units)| *units)
 }
 
 /// `words`, shortened with an ellipsis until they fit into `room`; `None` where not even one letter
@@ -143,6 +161,17 @@ mod tests {
             let face = face(weight).unwrap();
             for letter in ('!'..='~').chain("·–…°äöüµ×".chars()) {
                 assert!(face.glyph_index(letter).is_some(), "{letter} {weight:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_widths_are_those_of_the_embedded_fonts() {
+        for weight in [Weight::Regular, Weight::Bold] {
+            let face = face(weight).unwrap();
+            assert_eq!(f32::from(face.units_per_em()), UNITS_PER_EM);
+            for letter in '\0'..=char::MAX {
+                assert_eq!(units(letter, weight), advance(face, letter).1, "{letter:?}");
             }
         }
     }

@@ -3,6 +3,7 @@
 
 use rt_firmware::body::{Reply, Request};
 
+use super::drive::WheelSide;
 use super::recorded::RecordedRanges;
 use super::sonar::SonarFault;
 use super::{Plant, WiringFault};
@@ -20,6 +21,15 @@ pub struct SonarBreak {
     pub sonar: usize,
     /// What breaks in it.
     pub fault: SonarFault,
+    /// From this robot time on, in microseconds.
+    pub robot_us: u64,
+}
+
+/// A wheel that something holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StuckWheel {
+    /// Which one.
+    pub side: WheelSide,
     /// From this robot time on, in microseconds.
     pub robot_us: u64,
 }
@@ -47,6 +57,8 @@ pub struct PlantBehindPins {
     fault: Option<PlantFault>,
     /// Sonars that are still to break.
     breaks: Vec<SonarBreak>,
+    /// Wheels that are still to be held.
+    stuck: Vec<StuckWheel>,
     last_reply: Reply,
     until_us: Option<u64>,
     /// Exchanges up to `until_us`.
@@ -62,6 +74,7 @@ impl PlantBehindPins {
             plant,
             fault: None,
             breaks: Vec::new(),
+            stuck: Vec::new(),
             last_reply: Reply::default(),
             until_us,
             exchanges: 0,
@@ -82,6 +95,11 @@ impl PlantBehindPins {
     /// Wires something of the body as it should not be.
     pub fn miswire(&mut self, fault: WiringFault) {
         self.plant.miswire(fault);
+    }
+
+    /// Lets something hold these wheels, each from its time on.
+    pub fn stick_wheels(&mut self, stuck: Vec<StuckWheel>) {
+        self.stuck = stuck;
     }
 
     /// Lets the sonars measure what was recorded. Where that ends, the time of interest does,
@@ -147,6 +165,11 @@ impl BehindPins for PlantBehindPins {
         self.breaks = later;
         for SonarBreak { sonar, fault, .. } in now {
             self.plant.break_sonar(sonar, fault);
+        }
+        for StuckWheel { side, .. } in
+            (self.stuck.iter()).filter(|stuck| request.start_us >= stuck.robot_us)
+        {
+            self.plant.stick_wheel(*side);
         }
         self.last_reply = self.plant.exchange(request);
         let ends_us = (self.until_us.into_iter()).chain(self.plant.recorded_end_us());

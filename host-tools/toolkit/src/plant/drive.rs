@@ -1,6 +1,8 @@
 //! Motors, wheels, battery, and the body that they push over the floor, into walls and people;
 //! the bumpers before it.
 
+use core::str::FromStr;
+
 use crate::world::{Circle, Point};
 
 use super::free_way::Movement;
@@ -29,6 +31,27 @@ const BUMPER_M: f64 = 0.003;
 /// side: there they overlap.
 const BOTH_BUMPERS_RAD: f64 = 0.2;
 
+/// Which wheel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WheelSide {
+    /// The left one.
+    Left,
+    /// The right one.
+    Right,
+}
+
+impl FromStr for WheelSide {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        match text {
+            "left" => Ok(WheelSide::Left),
+            "right" => Ok(WheelSide::Right),
+            _ => Err(()),
+        }
+    }
+}
+
 /// One motor with its wheel.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Wheel {
@@ -40,12 +63,19 @@ pub(super) struct Wheel {
     angle_rad: f64,
     /// Speed of the floor under the wheel.
     ground_m_per_s: f64,
+    /// Something holds it.
+    is_stuck: bool,
 }
 
 impl Wheel {
     /// How far it has turned since the start, forwards positive.
     pub fn angle_rad(&self) -> f64 {
         self.angle_rad
+    }
+
+    /// Lets something hold the wheel from now on.
+    pub fn stick(&mut self) {
+        self.is_stuck = true;
     }
 
     /// Turns the wheel for one step and returns the current that the motor takes from the battery,
@@ -62,6 +92,9 @@ impl Wheel {
         let goal_rad_per_s = motor.speed_rad_per_s_v * strength * driving_v.copysign(voltage_v);
         let lack_rad_per_s = goal_rad_per_s - self.speed_rad_per_s;
         self.speed_rad_per_s += lack_rad_per_s * approach;
+        if self.is_stuck {
+            self.speed_rad_per_s = 0.0;
+        }
         self.angle_rad += self.speed_rad_per_s * STEP_S;
         let back_emf_v = self.speed_rad_per_s / motor.speed_rad_per_s_v;
         // The switch passes current for `duty` of the time, and none back.

@@ -40,6 +40,7 @@ use rt_firmware::body::{
     ADC_FULL_SCALE, ANALOG_CHANNELS, Actuators, FULL_DUTY, Reply, Request, SONARS, Sensors,
 };
 
+pub use drive::WheelSide;
 pub use noise::{Noise, Source};
 pub use parameters::{
     BatteryParameters, BodyParameters, FloorParameters, GripParameters, GyroParameters,
@@ -52,7 +53,7 @@ pub use statistics::{PathSample, Statistics};
 pub use touch::{Encounter, Touch, Touched};
 pub use wiring::WiringFault;
 
-use crate::world::{Person, World};
+use crate::world::{Person, Segment, World};
 use drive::{Drive, STEP_US};
 use gyro::Gyro;
 use obstacles::Obstacles;
@@ -225,6 +226,14 @@ impl Plant {
         [self.drive.left.angle_rad(), self.drive.right.angle_rad()]
     }
 
+    /// Lets something hold a wheel from now on.
+    pub fn stick_wheel(&mut self, side: WheelSide) {
+        match side {
+            WheelSide::Left => self.drive.left.stick(),
+            WheelSide::Right => self.drive.right.stick(),
+        }
+    }
+
     /// From now on the sonars measure what was recorded, and nothing of the world: column *i* of
     /// the table is sonar *i* of the ring or of the array, whichever pings.
     pub fn measure_from(&mut self, ranges: RecordedRanges) {
@@ -330,6 +339,11 @@ impl Plant {
             pose, obstacles, ..
         } = &self.drive;
         obstacles.distance_to_walls_m(pose.position)
+    }
+
+    /// The walls that stand there now and did not from the start.
+    pub fn added_walls(&self) -> &[Segment] {
+        self.drive.obstacles.added_walls(&self.world)
     }
 
     /// The people who stand there now.

@@ -1,6 +1,6 @@
 //! Obstacles: the walls of a world, what is low in it, and those of its people who stand there now.
 
-use crate::world::{Circle, Hit, Person, Point, Segment, World};
+use crate::world::{Circle, Hit, LaterWall, Person, Point, Segment, World};
 
 use super::touch::Touched;
 
@@ -8,6 +8,8 @@ use super::touch::Touched;
 #[derive(Clone, Debug)]
 pub(super) struct Obstacles {
     walls: Vec<Segment>,
+    /// Walls that are still to come.
+    later_walls: Vec<LaterWall>,
     low: Vec<Segment>,
     people: Vec<Visitor>,
     /// When people were looked at last, in microseconds.
@@ -69,10 +71,16 @@ impl Obstacles {
         };
         Self {
             walls: world.walls.clone(),
+            later_walls: world.later_walls.clone(),
             low: world.low.clone(),
             people: world.people.iter().map(visitor).collect(),
             updated_us: 0,
         }
+    }
+
+    /// The walls that stand there now and did not from the start.
+    pub fn added_walls(&self, world: &World) -> &[Segment] {
+        self.walls.get(world.walls.len()..).unwrap_or_default()
     }
 
     /// The people who stand there now.
@@ -139,14 +147,24 @@ impl Obstacles {
         (walls.chain(people)).reduce(|a, b| if b.distance_m < a.distance_m { b } else { a })
     }
 
-    /// Lets people step in and away at a time, in microseconds. Who is to step in where the body is
-    /// waits, and steps in as soon as more than `gap_m` is free between the two.
+    /// Lets people step in and away at a time, in microseconds, and walls come. Who is to step in
+    /// where the body is waits, and steps in as soon as more than `gap_m` is free between the two;
+    /// so does a wall.
     /// Who walks goes on. Returns whether anybody has moved, and who has stepped in.
     pub fn update(&mut self, time_us: u64, body: Circle, gap_m: f64) -> (bool, Vec<Person>) {
         let mut changed = false;
         let mut stepped_in = Vec::new();
         let passed_s = time_us.saturating_sub(self.updated_us) as f64 * 1e-6;
         self.updated_us = time_us;
+        let walls = &mut self.walls;
+        let standing = walls.len();
+        self.later_walls.retain(|later| {
+            let between_m = distance_to_m(&[later.wall], body.centre) - body.radius_m;
+            let comes = later.from_us <= time_us && between_m > gap_m;
+            walls.extend(comes.then_some(later.wall));
+            !comes
+        });
+        changed |= walls.len() > standing;
         for visitor in &mut self.people {
             if visitor.stands
                 && let Some(walk) = visitor.person.walk

@@ -488,6 +488,51 @@ fn visited(people: &str) -> World {
 }
 
 #[test]
+fn a_wall_comes_at_its_time_unless_the_body_is_there() {
+    let walls = "wall 3,1 3,3 from 100 ms\nwall 2,1 2,3 from 100 ms";
+    let mut plant = plant(visited(walls));
+    let (near_us, far_us) = (5_000..=5_300, 10_700..=11_300);
+    for (time_us, expected_us, added) in [(0, &far_us, 0), (100_000, &near_us, 1)] {
+        plant.advance_to(time_us);
+        plant.apply(&ALL_SONARS);
+        plant.advance_to(time_us + ANSWERED_US);
+        let echo_us = plant.sensors().echo_us[0];
+        assert!(expected_us.contains(&echo_us), "{echo_us} at {time_us}");
+        assert_eq!(
+            plant.added_walls().len(),
+            added,
+            "the body stands where the other is to be"
+        );
+    }
+}
+
+#[test]
+fn a_wheel_that_something_holds_stands_still_and_takes_current() {
+    let world = "world hall\nstart 2,2 0\nwall -9,-9 9,-9";
+    let mut plant = plant(World::parse(world).unwrap());
+    let forwards = Actuators {
+        left_duty: 300,
+        right_duty: 300,
+        ..Actuators::default()
+    };
+    plant.apply(&forwards);
+    plant.advance_to(1_000_000);
+    let before = plant.sensors();
+    assert!(before.left_count > 100 && before.right_count > 100);
+    plant.stick_wheel(WheelSide::Left);
+    plant.advance_to(2_000_000);
+    let behind = plant.sensors();
+    assert_eq!(behind.left_count, before.left_count);
+    assert!(behind.right_count > before.right_count + 100);
+    assert!(
+        behind.adc_counts[2] > before.adc_counts[2],
+        "a motor that is held takes more"
+    );
+    let turned_rad = plant.pose().heading_rad;
+    assert!(turned_rad > 0.5, "it turns to the left: {turned_rad}");
+}
+
+#[test]
 fn people_step_in_and_away_at_their_times() {
     let people = "person 1,1 0.2\nperson 1,3 0.2 from 1 s\nperson 3,3 0.2 from 1500 ms to 2 s\nperson 3,1 0.2 to 1 s";
     let mut plant = plant(visited(people));

@@ -12,6 +12,7 @@ pub mod entered;
 pub mod file;
 pub mod limits;
 pub mod mcap_file;
+pub mod missing;
 pub mod player;
 pub mod plot;
 pub mod samples;

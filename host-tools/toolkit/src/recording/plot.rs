@@ -241,25 +241,13 @@ impl Filling {
             let Some(value) = number(field, value) else {
                 continue;
             };
-            let (label, _) = field.label();
             let key = (net.to_owned(), place);
             if !self.curves.contains_key(&key) && self.curves.len() == MAX_CURVES {
                 self.left_out = true;
                 continue;
             }
-            let curve = self.curves.entry(key).or_insert_with(|| {
-                let row = watched
-                    .fields
-                    .iter()
-                    .filter(|other| other.name == field.name);
-                let number = watched.fields.iter().take(place);
-                let number = number.filter(|other| other.name == field.name).count();
-                let name = match row.count() {
-                    1 => format!("{net} {label}"),
-                    _ => format!("{net} {label} {number}"),
-                };
-                Curve::new(name, end_us)
-            });
+            let named = || Curve::new(watched.name_of(place), end_us);
+            let curve = self.curves.entry(key).or_insert_with(named);
             curve.add(t_us, value);
         }
     }

@@ -324,6 +324,11 @@ impl<'m> Retold<'m> {
         paths.map(|state| state.path.clone()).collect()
     }
 
+    /// Whether a state, by its index in the tables, is current in a region instance that is active.
+    pub(super) fn is_active(&self, region: usize, state: usize) -> bool {
+        self.current(region) == state && self.active_regions().contains(&region)
+    }
+
     fn active_regions(&self) -> Vec<usize> {
         let active = self.directory.active(|region| self.current(region));
         active.map(|id| id.region).collect()
@@ -399,7 +404,7 @@ impl<'m> Retold<'m> {
 
     /// A flag that a guard in a region instance reads, counted from the first of its container
     /// instance; or the busy flag of its superstate.
-    fn is_set(&self, region: usize, bit: Option<usize>) -> bool {
+    pub(super) fn is_set(&self, region: usize, bit: Option<usize>) -> bool {
         let Some(here) = self.tables.region_instance(region) else {
             return false;
         };
@@ -438,34 +443,41 @@ impl<'m> Retold<'m> {
 
     /// Whether the guard of a transition is true.
     fn holds(&self, region: usize, transition: usize) -> bool {
+        self.holds_of(transition, |bit| self.is_set(region, bit))
+    }
+
+    /// Whether the guard of a transition is true where a flag, or the busy flag of the superstate,
+    /// is what `value` says; flags are counted from the first of the container instance.
+    pub(super) fn holds_of(
+        &self,
+        transition: usize,
+        value: impl Fn(Option<usize>) -> bool,
+    ) -> bool {
         let tables = &self.tables;
         let source = tables.source_of_transition(transition);
-        let first = tables
-            .flags_of_state(region, source)
-            .map_or(0, |(first, _)| first);
+        let first = tables.state(source).map_or(0, |state| state.first_flag);
+        let flag = |bit: usize| value(Some(first + bit));
         match tables.guard_of(transition) {
             None => false,
             Some(Guard::True) => true,
-            Some(Guard::Flag { bit, value }) => self.flag(first + bit) == value,
+            Some(Guard::Flag { bit, value }) => flag(bit) == value,
             Some(Guard::Mask { mask, value }) => (0..u16::BITS as usize)
                 .filter(|bit| mask >> bit & 1 != 0)
-                .all(|bit| self.flag(first + bit) == (value >> bit & 1 != 0)),
+                .all(|bit| flag(bit) == (value >> bit & 1 != 0)),
             Some(Guard::Program { .. }) => {
                 let tests: Vec<Code> = tables.program_of(transition).collect();
                 let mut at = 0;
                 while let Some(test) = tests.get(at) {
-                    let (value, jump_if, jump) = match *test {
+                    let (is_set, jump_if, jump) = match *test {
                         Code::Test {
                             flag,
                             jump_if,
                             jump,
-                        } => (self.is_set(region, Some(flag)), jump_if, jump),
-                        Code::TestBusyInside { jump_if, jump } => {
-                            (self.is_set(region, None), jump_if, jump)
-                        }
+                        } => (value(Some(flag)), jump_if, jump),
+                        Code::TestBusyInside { jump_if, jump } => (value(None), jump_if, jump),
                         _ => return true,
                     };
-                    match (value == jump_if, jump) {
+                    match (is_set == jump_if, jump) {
                         (false, _) => at += 1,
                         (true, None) => return false,
                         // Always ahead: verified.

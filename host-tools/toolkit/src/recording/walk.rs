@@ -127,6 +127,8 @@ pub struct Walk<'r> {
     /// One for each mission.
     guards: Vec<Rc<GuardReader<'r>>>,
     chunks: Vec<Chunk>,
+    /// What the times of each stretch are moved by on a line of time that never goes back.
+    moved_us: Vec<u64>,
     moments: u64,
     /// Where a fault ended a stretch.
     faults: Vec<(usize, u64, Fault)>,
@@ -151,6 +153,7 @@ impl<'r> Walk<'r> {
                 .map(|mission| Rc::new(GuardReader::of(&mission.verified)))
                 .collect(),
             chunks: Vec::new(),
+            moved_us: Vec::new(),
             moments: 0,
             faults: Vec::new(),
             chunk: 0,
@@ -175,6 +178,16 @@ impl<'r> Walk<'r> {
             let at_us = |step| time_of(stretch.start_us, step, period_us(mission));
             let begins_us = at_us(player.machine().progress().steps);
             resets += usize::from(last.is_some_and(|last| begins_us < last.at_us));
+            let mut moved_us = self.moved_us.last().copied().unwrap_or(0);
+            if let Some(last) = last
+                && begins_us.saturating_add(moved_us) < last.at_us.saturating_add(moved_us)
+            {
+                moved_us = (last.at_us)
+                    .saturating_add(moved_us)
+                    .saturating_add(period_us(mission))
+                    .saturating_sub(begins_us);
+            }
+            self.moved_us.push(moved_us);
             let words = player.machine().state_words().len() + flags.len();
             let kept = words as u64 + CHUNK_HEAD_WORDS;
             let chunk_steps =
@@ -235,7 +248,10 @@ impl<'r> Walk<'r> {
     }
 
     /// Mission and reader of the guards of a stretch that was walked through.
-    fn mission_of(&self, stretch: usize) -> Option<(&'r RecordedMission, &Rc<GuardReader<'r>>)> {
+    pub(super) fn mission_of(
+        &self,
+        stretch: usize,
+    ) -> Option<(&'r RecordedMission, &Rc<GuardReader<'r>>)> {
         let recording = self.recording;
         let hash = recording.stretches.get(stretch)?.mission;
         let number = recording.number_of(hash)?;
@@ -244,7 +260,7 @@ impl<'r> Walk<'r> {
 
     /// Runs a chunk again; `made` is shown each macro step, with the flags behind the one before
     /// and behind it, and says whether it goes on.
-    fn run(&self, chunk: usize, mut made: impl FnMut(MadeStep, &[u32], &[u32]) -> bool) {
+    pub(super) fn run(&self, chunk: usize, mut made: impl FnMut(MadeStep, &[u32], &[u32]) -> bool) {
         let Some(chunk) = self.chunks.get(chunk) else {
             return;
         };
@@ -295,14 +311,36 @@ impl<'r> Walk<'r> {
         self.loaded = Some(chunk);
     }
 
+    /// The chunk of the last macro step at or before a time, and the stretch that it is in. The
+    /// time is of the line of time of [`Told`](super::told::Told).
+    pub(super) fn place_at(&self, t_us: u64) -> Option<(usize, usize)> {
+        let moved_us = |chunk: &Chunk| self.moved_us.get(chunk.stretch).copied().unwrap_or(0);
+        let begins_us = |chunk: &Chunk| chunk.t_us.saturating_add(moved_us(chunk));
+        let chunk = (self.chunks.iter()).rposition(|chunk| begins_us(chunk) <= t_us)?;
+        Some((chunk, self.chunks.get(chunk)?.stretch))
+    }
+
+    /// The chunks, each with its stretch.
+    pub(super) fn places(&self) -> impl DoubleEndedIterator<Item = (usize, usize)> {
+        let places = self.chunks.iter().enumerate();
+        places.map(|(chunk, it)| (chunk, it.stretch))
+    }
+
+    /// When a macro step of a stretch was, in microseconds since the first macro step of the first
+    /// mission, on the line of time of [`Told`](super::told::Told).
+    pub(super) fn time_of_step(&self, stretch: usize, step: u64) -> u64 {
+        let start_us = (self.recording.stretches.get(stretch)).map_or(0, |it| it.start_us);
+        let period_us = (self.mission_of(stretch)).map_or(0, |(mission, _)| period_us(mission));
+        let moved_us = self.moved_us.get(stretch).copied().unwrap_or(0);
+        time_of(start_us, step, period_us).saturating_add(moved_us)
+    }
+
     /// What there was to choose from in the last macro step at or before a time, in microseconds
     /// since the first macro step of the first mission; none before that.
     pub fn choices_at(&self, t_us: u64) -> Option<Choices> {
-        let chunk = self.chunks.iter().rposition(|chunk| chunk.t_us <= t_us)?;
-        let number = self.chunks.get(chunk)?.stretch;
-        let stretch = self.recording.stretches.get(number)?;
+        let (chunk, number) = self.place_at(t_us)?;
         let (mission, guards) = self.mission_of(number)?;
-        let at_us = |step| time_of(stretch.start_us, step, period_us(mission));
+        let at_us = |step| self.time_of_step(number, step);
         let mut last = None;
         self.run(chunk, |made, _, _| {
             let goes_on = at_us(made.step) <= t_us;

@@ -30,6 +30,8 @@ pub struct RecordingWriter<W> {
     waiting_steps: u64,
     condenser: Condenser,
     missions: Vec<Known>,
+    /// Whether what makes no difference is kept, too.
+    keeps_all: bool,
     /// Robot time after which nothing is of interest.
     until_us: Option<u64>,
     /// The mission that runs, as far as it is known; and when its next macro step is due.
@@ -131,6 +133,7 @@ impl<W: Write> RecordingWriter<W> {
             waiting_steps: 0,
             condenser: Condenser::new(),
             missions: Vec::new(),
+            keeps_all: false,
             until_us,
             clock: None,
             is_over: false,
@@ -140,6 +143,12 @@ impl<W: Write> RecordingWriter<W> {
             early: Vec::new(),
             before: None,
         })
+    }
+
+    /// Keeps all that comes of missions that are added from now on, also what makes no difference
+    /// to the trace: whoever looks at a guard then finds each flag as it was on the robot.
+    pub fn keep_all(&mut self) {
+        self.keeps_all = true;
     }
 
     /// Of robot time after `until_us` nothing is kept, as it turned out.
@@ -176,10 +185,15 @@ impl<W: Write> RecordingWriter<W> {
         if self.knows(hash) {
             return Ok(());
         }
+        // Nothing is left out of a mission that cannot be run beside the robot.
+        let runnable = match self.keeps_all {
+            true => None,
+            false => Runnable::of(blob),
+        };
         self.missions.push(Known {
             hash,
             period_us: period_us.into(),
-            runnable: Runnable::of(blob),
+            runnable,
         });
         self.write(&Frame::Mission {
             name: name.to_owned(),

@@ -8,6 +8,7 @@
 //! world cell                        # the name, once
 //! start 1.0,1.5 90                  # where the robot's centre is and which way it looks, once
 //! wall 0,0 3,0 3,3 0,3 0,0          # a line of walls through two points or more
+//! wall 1,1 2,1 from 5 s             # one that is put there later
 //! low 2,2 2.5,2 2.5,2.5             # the same, but too low for a sonar to hear
 //! room cell 0,0 3,0 3,3 0,3         # a named area, three corners or more; walls are not drawn by it
 //! line 0.02 1,1 2,1 2,2             # a dark line on the light floor: its width, then two points or more
@@ -63,8 +64,10 @@ pub struct World {
     pub name: String,
     /// Where the robot starts.
     pub start: StartPose,
-    /// All walls.
+    /// The walls that stand from the start.
     pub walls: Vec<Segment>,
+    /// Walls that are put there later, in the order of the file.
+    pub later_walls: Vec<LaterWall>,
     /// What stops a robot and is too low for its sonars: doorsteps, the edges of low boxes.
     pub low: Vec<Segment>,
     /// All rooms, in the order of the file.
@@ -73,6 +76,15 @@ pub struct World {
     pub lines: Vec<LinePiece>,
     /// All people, in the order of the file.
     pub people: Vec<Person>,
+}
+
+/// A straight wall that is put there later.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LaterWall {
+    /// Where.
+    pub wall: Segment,
+    /// When, in microseconds of robot time.
+    pub from_us: u64,
 }
 
 /// A straight piece of a dark line on the floor; its ends are round.
@@ -233,7 +245,7 @@ pub enum LineError {
         word: String,
     },
     /// What stands behind `from` or `to` is not a time.
-    #[error("`{words}` is no time of a person: {cause}")]
+    #[error("`{words}` is no time of a person or a wall: {cause}")]
     Time {
         /// What stands there.
         words: String,
@@ -270,7 +282,7 @@ pub enum LineError {
 
 const WORLD_FORM: &str = "world NAME";
 const START_FORM: &str = "start X,Y HEADING_DEG";
-const WALL_FORM: &str = "wall X,Y X,Y …";
+const WALL_FORM: &str = "wall X,Y X,Y … [from TIME]";
 const LOW_FORM: &str = "low X,Y X,Y …";
 const ROOM_FORM: &str = "room NAME X,Y X,Y X,Y …";
 const LINE_FORM: &str = "line WIDTH X,Y X,Y …";
@@ -307,7 +319,8 @@ impl World {
     /// The rectangle around walls, rooms, lines, people and start.
     pub fn bounds(&self) -> Bounds {
         let lines = self.lines.iter().map(|line| &line.middle);
-        let solid = self.walls.iter().chain(&self.low);
+        let later = self.later_walls.iter().map(|later| &later.wall);
+        let solid = self.walls.iter().chain(later).chain(&self.low);
         let ends = (solid.chain(lines)).flat_map(|piece| [piece.from, piece.to]);
         let corners = self
             .rooms
@@ -337,6 +350,7 @@ struct Draft {
     name: Option<String>,
     start: Option<StartPose>,
     walls: Vec<Segment>,
+    later_walls: Vec<LaterWall>,
     low: Vec<Segment>,
     rooms: Vec<Room>,
     lines: Vec<LinePiece>,
@@ -390,13 +404,29 @@ impl Draft {
     }
 
     fn add_wall(&mut self, words: &[&str]) -> Result<(), LineError> {
-        self.walls.extend(pieces("wall", WALL_FORM, words)?);
-        limited(self.walls.len() + self.low.len(), WALL_LIMIT)
+        let at = words.iter().position(|word| *word == "from");
+        let (words, time) = words.split_at(at.unwrap_or(words.len()));
+        let (from, rest) = time_behind("from", WALL_FORM, time)?;
+        if !rest.is_empty() {
+            return Err(LineError::Form { form: WALL_FORM });
+        }
+        let pieces = pieces("wall", WALL_FORM, words)?;
+        match from.map_or(0, |from| from.us) {
+            0 => self.walls.extend(pieces),
+            from_us => (self.later_walls)
+                .extend(pieces.into_iter().map(|wall| LaterWall { wall, from_us })),
+        }
+        self.limit_walls()
     }
 
     fn add_low(&mut self, words: &[&str]) -> Result<(), LineError> {
         self.low.extend(pieces("low", LOW_FORM, words)?);
-        limited(self.walls.len() + self.low.len(), WALL_LIMIT)
+        self.limit_walls()
+    }
+
+    fn limit_walls(&self) -> Result<(), LineError> {
+        let count = self.walls.len() + self.later_walls.len() + self.low.len();
+        limited(count, WALL_LIMIT)
     }
 
     fn add_line(&mut self, words: &[&str]) -> Result<(), LineError> {
@@ -440,8 +470,8 @@ impl Draft {
             radius_m: radius_m(radius)?,
         };
         let (walk, rest) = walk(rest)?;
-        let (from, rest) = time_behind("from", rest)?;
-        let (to, rest) = time_behind("to", rest)?;
+        let (from, rest) = time_behind("from", PERSON_FORM, rest)?;
+        let (to, rest) = time_behind("to", PERSON_FORM, rest)?;
         if !rest.is_empty() {
             return Err(form);
         }
@@ -468,6 +498,7 @@ impl Draft {
             name: self.name.ok_or(missing("world"))?,
             start: self.start.ok_or(missing("start"))?,
             walls: self.walls,
+            later_walls: self.later_walls,
             low: self.low,
             rooms: self.rooms,
             lines: self.lines,
@@ -575,11 +606,12 @@ fn walk<'a, 'b>(words: &'a [&'b str]) -> Result<(Option<Walk>, &'a [&'b str]), L
 /// do not begin with it.
 fn time_behind<'a, 'b>(
     keyword: &str,
+    form: &'static str,
     words: &'a [&'b str],
 ) -> Result<(Option<Time>, &'a [&'b str]), LineError> {
     let (number, rest) = match words {
         [first, number, rest @ ..] if *first == keyword => (*number, rest),
-        [first] if *first == keyword => return Err(LineError::Form { form: PERSON_FORM }),
+        [first] if *first == keyword => return Err(LineError::Form { form }),
         _ => return Ok((None, words)),
     };
     let (words, rest) = match rest {
@@ -622,6 +654,7 @@ person 2,1 0.25
 person 2,1 0.3 from 5 s
 person 2,1 0.3 to 9s   # a comment
 person 2.75,1 0.5 from 1500 ms to 9 s
+wall 1,1 2,1 2,2 from 5 s
 ";
 
     #[test]
@@ -631,6 +664,8 @@ person 2.75,1 0.5 from 1500 ms to 9 s
         assert_eq!(world.start.position, Point::new(1.0, 1.5));
         assert_eq!(world.start.heading_deg, -90.0);
         assert_eq!(world.walls.len(), 5);
+        let later: Vec<u64> = world.later_walls.iter().map(|it| it.from_us).collect();
+        assert_eq!(later, [5_000_000; 2]);
         assert_eq!(world.walls[3].to, Point::new(0.0, 0.0));
         assert_eq!(world.lines.len(), 2);
         assert_eq!(world.lines[1].middle.from, Point::new(2.0, 2.0));
@@ -699,7 +734,15 @@ person 2.75,1 0.5 from 1500 ms to 9 s
                 "start 1,1 NaN",
                 "line 1: `NaN` is no angle; write degrees from -360 to 360",
             ),
-            ("wall 0,0", "line 1: expected `wall X,Y X,Y …`"),
+            ("wall 0,0", "line 1: expected `wall X,Y X,Y … [from TIME]`"),
+            (
+                "wall 0,0 1,0 from 1 s to 2 s",
+                "line 1: expected `wall X,Y X,Y … [from TIME]`",
+            ),
+            (
+                "wall from 1 s",
+                "line 1: expected `wall X,Y X,Y … [from TIME]`",
+            ),
             (
                 "wall 0,0 1,0 1,0",
                 "line 1: a wall from a point to itself; remove one of the two points",
@@ -764,16 +807,16 @@ person 2.75,1 0.5 from 1500 ms to 9 s
             ),
             (
                 "person 1,1 0.25 from 5 to 9 s",
-                "line 1: `5` is no time of a person: \
+                "line 1: `5` is no time of a person or a wall: \
                  the unit is missing: write `us`, `ms` or `s` behind the number, as in `200 ms`",
             ),
             (
                 "person 1,1 0.25 from 5 min",
-                "line 1: `5 min` is no time of a person: the unit of a time is `us`, `ms` or `s`, as in `200 ms`",
+                "line 1: `5 min` is no time of a person or a wall: the unit of a time is `us`, `ms` or `s`, as in `200 ms`",
             ),
             (
                 "person 1,1 0.25 to noon",
-                "line 1: `noon` is no time of a person: a time starts with a whole number, as in `200 ms`",
+                "line 1: `noon` is no time of a person or a wall: a time starts with a whole number, as in `200 ms`",
             ),
             (
                 "person 1,1 0.25 from 5 s until 9 s",
