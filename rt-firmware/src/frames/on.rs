@@ -177,7 +177,7 @@ impl FrameLists<'_> {
         let Some(link) = self.links.get_mut(Self::device_of(dispatcher)) else {
             return;
         };
-        if dispatcher % 2 == 0 {
+        if dispatcher.is_multiple_of(2) {
             let sent = slice(self.frames, link.sent);
             transmit(sent, origin_us, at, device, executor, flags);
         } else {

@@ -51,6 +51,10 @@ pub(crate) struct FrameState {
 }
 
 impl FrameEntry {
+    #[expect(
+        clippy::declare_interior_mutable_const,
+        reason = "it is what the memory is made of, not a value to share"
+    )]
     pub(crate) const EMPTY: Self = FrameEntry {
         record: None,
         configuration: None,

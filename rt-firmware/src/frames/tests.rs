@@ -1,4 +1,5 @@
 //! What dispatchers send and when, what they publish and say.
+#![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use std::boxed::Box;
 use std::collections::{BTreeMap, VecDeque};
@@ -329,7 +330,8 @@ fn what_comes_is_published_and_told_for_one_macro_step() {
     line.arrives(135_000, header(&first, 4), &8_u32.to_le_bytes());
     // Time of the activation; value on the net; flags before and after the macro step behind it:
     // 0 available, 1 delayed, 100 errors.
-    let cases: [(u64, Option<u32>, &[u16], &[u16]); 8] = [
+    type Case<'c> = (u64, Option<u32>, &'c [u16], &'c [u16]);
+    let cases: [Case<'_>; 8] = [
         (20_000, Some(3), &[0], &[]),
         // A repetition, and a frame of another configuration.
         (40_000, Some(3), &[100], &[]),

@@ -468,7 +468,7 @@ fn write_frames(text: &mut String) {
             record_erases: 5,
         }),
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 72] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 74] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {

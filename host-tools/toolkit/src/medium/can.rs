@@ -214,7 +214,7 @@ impl Bits {
         for place in (0..count).rev() {
             let bit = bits >> place & 1;
             let feedback = bit ^ self.crc >> (CRC_BITS - 1) & 1;
-            self.crc = (self.crc << 1 ^ feedback * CRC_POLYNOMIAL) & ((1 << CRC_BITS) - 1);
+            self.crc = ((self.crc << 1) ^ (feedback * CRC_POLYNOMIAL)) & ((1 << CRC_BITS) - 1);
             self.put(bit);
         }
     }
