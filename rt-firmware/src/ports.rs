@@ -1876,6 +1876,19 @@ impl<'m> Executor<'m> {
         Some(unsafe { buffer.kind.tell()(None, &mut Show::new(&[])) })
     }
 
+    /// What values of a kind are made of.
+    #[cfg(all(feature = "telemetry", feature = "links"))]
+    pub(crate) fn fields_of(kind: ValueKind) -> Option<&'static str> {
+        // SAFETY: it is given no buffer to look into.
+        Some(unsafe { kind.tell()(None, &mut Show::new(&[])) })
+    }
+
+    /// What values of a kind are made of: this firmware does not know.
+    #[cfg(all(not(feature = "telemetry"), feature = "links"))]
+    pub(crate) fn fields_of(_kind: ValueKind) -> Option<&'static str> {
+        None
+    }
+
     /// What the values are made of that tasks of a bank write on a port: this firmware does not
     /// know.
     #[cfg(not(feature = "telemetry"))]

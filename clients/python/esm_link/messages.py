@@ -609,8 +609,6 @@ def _answer(fields: Fields) -> object:
         return ParamSet(fields.number(32))
     if kind == 15:
         return ParamsSaved(fields.u8())
-    if kind == 53:
-        return Error("PayloadDiffers", u16("frame", "needed"))
     if kind == 16:
         return Clock(fields.number())
     if kind == 17:
@@ -760,6 +758,8 @@ def _error(fields: Fields) -> Error:
         return Error("NetTypeDiffers", u16("task", "port"))
     if kind == 16:
         return Error("ParamOutOfRange", u16("task", "param"))
+    if kind == 53:
+        return Error("PayloadDiffers", u16("frame", "needed"))
     if kind == 22:
         return Error("OldCounter", {"last": fields.number(64)})
     if kind == 40:

@@ -7,7 +7,8 @@ use esm_link::frames::wire::Header;
 
 use super::check::dispatcher_of;
 use super::table::{self, FrameEntry, FrameState, LinkEntry, Received};
-use super::{FRAMES, LINKS, LinkDevice, NO_DISPATCHER, ReceivedValue, VALUES};
+use super::{FRAMES, LINKS, LinkDevice, MAX_OCCURRENCES, NO_DISPATCHER, ReceivedValue, VALUES};
+use crate::declaration::ValueKind;
 use crate::features::MISSIONS;
 use crate::ports::{Executor, Registry};
 
@@ -140,6 +141,18 @@ impl FrameLists<'_> {
         usize::from(dispatcher / 2)
     }
 
+    /// The kind of the values on a data port of a dispatcher.
+    pub(crate) fn kind(&self, dispatcher: u8, port: usize) -> Option<ValueKind> {
+        let link = self.links.get(Self::device_of(dispatcher))?;
+        let of_it = match dispatcher.is_multiple_of(2) {
+            true => link.sent,
+            false => link.received,
+        };
+        let mut frames = slice(self.frames, of_it).iter();
+        let frame = frames.find(|frame| frame.kind.is_some() && usize::from(frame.port) == port)?;
+        frame.kind
+    }
+
     /// The state of a dispatcher was entered in a macro step at this time.
     pub(crate) fn enter(&mut self, dispatcher: u8, robot_us: u64) {
         if let Some(link) = self.receiver(dispatcher) {
@@ -241,6 +254,7 @@ fn transmit(
         }
         let net = flags.net(at.instance, frame.port);
         let has_payload = record.flags.get() > 0 || net.is_some_and(|net| executor.has_value(net));
+        let mut left = MAX_OCCURRENCES;
         while state.at_us < until_us {
             let header = Header {
                 identifier: record.identifier(),
@@ -256,11 +270,12 @@ fn transmit(
                 count => put_flags(flags, at.instance, frame.carried, count as u16, payload),
             };
             let is_sent = match &mut device {
-                Some(device) if has_payload => {
+                Some(device) if has_payload && left > 0 => {
                     device.send(state.at_us, header, record.payload.get(), &mut write)
                 }
                 _ => false,
             };
+            left = left.saturating_sub(1);
             // Nobody sends what has no value, and nothing is wrong with that.
             let is_full = has_payload && !is_sent;
             if is_full != state.is_full && has_payload {
@@ -269,9 +284,9 @@ fn transmit(
             }
             if !is_sent {
                 // Those behind it find no room, either, or have no value.
-                let left = (until_us - state.at_us).div_ceil(period_us);
-                state.at_us += left * period_us;
-                state.number = state.number.wrapping_add(left as u8);
+                let rest = (until_us - state.at_us).div_ceil(period_us);
+                state.at_us += rest * period_us;
+                state.number = state.number.wrapping_add(rest as u8);
                 break;
             }
             state.at_us += period_us;

@@ -273,6 +273,25 @@ fn a_full_device_is_told_until_a_frame_finds_room() {
 }
 
 #[test]
+fn a_period_that_is_too_short_for_the_slot_is_told_and_takes_no_time_without_end() {
+    let mut sent = lists(vec![frame(3, POSE, 1, 0, 0)], false);
+    let (mut executor, mut board) = (executor(), Board::default());
+    publish(&mut executor, 0, 1_u32);
+    let mut line = Line {
+        room: usize::MAX,
+        ..Line::default()
+    };
+    let longest = Activation {
+        period_us: 4_000_000_000,
+        ..at(0, true)
+    };
+    sent.run(0, &longest, Some(&mut line), &mut executor, &mut board);
+    let taken = line.taken();
+    assert_eq!((taken.len(), taken[31].0), (32, 1_031));
+    assert_eq!(board.set(), [0]);
+}
+
+#[test]
 fn flags_travel_the_first_in_the_lowest_bit() {
     let entry = |id| FrameEntry {
         carried: 0,

@@ -6,6 +6,7 @@ use esm_core::tables::Tables;
 use super::RealTime;
 use super::machine::Mission;
 use crate::features::PARAMS;
+use crate::frames::LINKS;
 use crate::realtime::mailbox::{Bytes, Command, Reply};
 use crate::task::MAX_DATA_PORTS;
 use esm_link::message::{LinkError, NO_STATE, TaskCounters};
@@ -102,11 +103,23 @@ impl<'m> RealTime<'_, 'm> {
     fn fields(&self, tables: &Tables<'_>, net: u16) -> Option<&'static str> {
         let net = usize::from(net);
         (0..tables.task_instance_count()).find_map(|instance| {
-            let ports = 0..MAX_DATA_PORTS;
+            // A dispatcher of a link may have more ports than a task.
+            let ports = match LINKS {
+                0 => MAX_DATA_PORTS,
+                _ => ports_of(tables, instance),
+            };
+            let ports = 0..ports;
             let mut on_net = ports.filter(|port| net_of(tables, instance, *port) == Some(net));
             on_net.find_map(|port| self.execution.fields(instance as u16, port))
         })
     }
+}
+
+/// How many data ports a task instance has.
+fn ports_of(tables: &Tables<'_>, instance: usize) -> usize {
+    let state = tables.task_state_of(instance);
+    let task = state.and_then(|state| tables.task(state.task));
+    task.map_or(0, |task| task.ports.data)
 }
 
 /// Bytes of a mission's blob.

@@ -188,13 +188,19 @@ pub fn curves() -> Result<Value, String> {
     with(|recording, _| json!(known_curves(recording).into_iter().collect::<Vec<_>>()))
 }
 
+/// Values that are watched together, and where among them one stands.
+type PlaceOf = (Arc<[Watched]>, Option<(usize, usize)>);
+
+/// A region, by its mission and its number there, and the state that it is in from then on.
+type Change = ((usize, usize), Option<String>);
+
 /// A number over time: pairs of a time and what it was then.
 ///
 /// # Errors
 /// There is nothing to look at yet.
 pub fn curve(name: &str, from_us: u64) -> Result<Value, String> {
     with(|recording, told| {
-        let mut place_of: Option<(Arc<[Watched]>, Option<(usize, usize)>)> = None;
+        let mut place_of: Option<PlaceOf> = None;
         let mut points: Vec<(u64, f32)> = Vec::new();
         for sample in recording.samples().flatten() {
             let Some((t_us, _)) = told.place(&sample, recording).filter(|it| it.0 >= from_us)
@@ -271,7 +277,7 @@ pub fn slots(t_us: u64) -> Result<Value, String> {
 /// The states that were current from a time on, where that has changed.
 fn active(told: &Told) -> Vec<(u64, Vec<String>)> {
     // Where a region is in the order of the source, so that outer states stand before inner ones.
-    let mut changes: BTreeMap<u64, Vec<((usize, usize), Option<String>)>> = BTreeMap::new();
+    let mut changes: BTreeMap<u64, Vec<Change>> = BTreeMap::new();
     for (run, mission) in told.missions.iter().enumerate() {
         for (number, region) in mission.regions.iter().enumerate() {
             for span in &region.spans {

@@ -6,6 +6,7 @@ use super::super::tasks::TaskActivity;
 use super::Execution;
 use crate::board::Board;
 use crate::frames::{Activation, Flags, FrameLists, NO_DISPATCHER};
+use crate::ports::ValueKind;
 
 /// The flags and nets of a mission.
 struct OfMission<'a, 'm>(&'a mut Mission<'m>);
@@ -58,6 +59,13 @@ pub(super) fn run<B: Board>(
         &mut execution.executor,
         &mut OfMission(mission),
     );
+}
+
+/// The kind of the values on a data port, if the task is a dispatcher.
+pub(super) fn kind(execution: &Execution<'_, '_>, instance: u16, port: usize) -> Option<ValueKind> {
+    let lists = &execution.tasks.lists;
+    let record = lists.tasks.get(usize::from(instance))?;
+    lists.frames.kind(record.dispatcher, port)
 }
 
 /// A task state was entered in a macro step at this time.

@@ -120,6 +120,10 @@ impl<'q, 'm> Execution<'q, 'm> {
 
     /// What the values of a task's data port are made of, if the task says so.
     pub(super) fn fields(&self, instance: u16, port: usize) -> Option<&'static str> {
+        #[cfg(feature = "links")]
+        if let Some(kind) = links::kind(self, instance, port) {
+            return Executor::fields_of(kind);
+        }
         let bank = self.tasks.place(instance).bank;
         self.executor.fields(bank, port)
     }
