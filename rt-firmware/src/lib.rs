@@ -53,6 +53,8 @@ mod notes;
 pub mod odometry;
 pub mod ports;
 pub mod realtime;
+#[cfg(feature = "links")]
+mod received_value;
 mod recorder;
 pub mod registry;
 pub mod retained_ram;

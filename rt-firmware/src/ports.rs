@@ -44,11 +44,11 @@ use crate::declaration::{
     Out, OutFlag, Param, ParamType, Params, PortDeclaration, PortType, Step, same_text,
 };
 use crate::features::{MISSIONS, WARM};
-#[cfg(feature = "links")]
-use crate::frames::{ReceivedValue, VALUE_BYTES};
 use crate::list_command::{Answer, CommandBox, ListCommand};
 use crate::notes::Notes;
 use crate::odometry::Pose;
+#[cfg(feature = "links")]
+use crate::received_value::{ReceivedValue, VALUE_BYTES};
 #[cfg(feature = "telemetry")]
 use crate::show::Show;
 use esm_link::black_box::Event;

@@ -890,7 +890,7 @@ machine M {
         .iter()
         .map(|symbol| symbol["name"].as_str().unwrap())
         .collect();
-    assert_eq!(names, ["1", "2", "radio", "alarm", "pose", "M"]);
+    assert_eq!(names, ["slot 1", "slot 2", "radio", "alarm", "pose", "M"]);
     let hover = editor.at("radio.esm", RADIO, "[.|pose_delayed");
     let hover = editor.request("textDocument/hover", hover).to_string();
     assert!(hover.contains("frame pose 2 in on radio: Pose"), "{hover}");

@@ -5,9 +5,10 @@ use esm_core::layout::Frame;
 use esm_core::signature::{Direction, Port, Signature, fnv1a};
 use esm_core::tables::Tables;
 
-use super::{FRAMES, LINKS, VALUE_BYTES};
+use super::limits::{FRAMES, LINKS};
 use crate::declaration::ValueKind;
 use crate::ports::Registry;
+use crate::received_value::VALUE_BYTES;
 use esm_link::message::{Capacity, LinkError};
 
 /// Whether a task of a mission is a dispatcher: of which link, and whether it receives.

@@ -6,11 +6,13 @@ use esm_core::tables::Tables;
 use esm_link::frames::wire::Header;
 
 use super::check::dispatcher_of;
+use super::device::LinkDevice;
+use super::limits::{FRAMES, LINKS, MAX_OCCURRENCES, NO_DISPATCHER, VALUES};
 use super::table::{self, FrameEntry, FrameState, LinkEntry, Received};
-use super::{FRAMES, LINKS, LinkDevice, MAX_OCCURRENCES, NO_DISPATCHER, ReceivedValue, VALUES};
 use crate::declaration::ValueKind;
 use crate::features::MISSIONS;
 use crate::ports::{Executor, Registry};
+use crate::received_value::ReceivedValue;
 
 /// Memory for the links of each mission that is there, and for the values that they receive.
 pub(crate) struct FrameMemory {

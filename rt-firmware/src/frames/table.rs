@@ -11,8 +11,8 @@ use esm_link::frames::occurrences::Occurrences;
 use esm_link::frames::receiver::{InFrame, InFrames};
 use zerocopy::IntoBytes;
 
-use super::LINKS;
 use super::check::{kind_of, port_types};
+use super::limits::LINKS;
 use crate::declaration::ValueKind;
 use crate::ports::Registry;
 

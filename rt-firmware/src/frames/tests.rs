@@ -14,32 +14,19 @@ use esm_link::frames::configuration::{Configuration, Content};
 use esm_link::frames::receiver::{InFrames, Receiver};
 use esm_link::frames::wire::{self, Header, MAX_WIRE_BYTES};
 
+use super::device::{LinkDevice, Taken};
 use super::on::{Activation, Flags, FrameLists};
 use super::table::{FrameEntry, LinkEntry};
-use super::values::ReceivedValue;
-use super::{LinkDevice, Taken};
-use crate::declaration::ValueKind;
-use crate::ports::{AnyTaskPool, Buffered, Executor, Io, TaskPool, assemble};
-use crate::registry::nets;
-use crate::task::{PortType, Step, Task};
-
-/// A task, so that there is a registry.
-struct Nobody;
-crate::task! { impl Nobody { data { in value: u32; } } }
-impl Task for Nobody {
-    fn step(&mut self, io: &mut Io<'_>) -> Step {
-        let _ = io.read(Self::VALUE);
-        Step::Run
-    }
-}
+use crate::declaration::{PortType, ValueKind};
+use crate::features::MISSIONS;
+use crate::ports::{AnyTaskPool, Buffered, Executor, Net, assemble};
+use crate::received_value::ReceivedValue;
 
 const NETS: usize = 4;
 
 fn executor() -> Executor<'static> {
-    let bank: &'static mut TaskPool<Nobody, 1> = Box::leak(Box::new(TaskPool::new([Nobody])));
-    let banks: &'static mut [&'static mut (dyn AnyTaskPool + 'static)] =
-        Box::leak(Box::new([bank as &mut (dyn AnyTaskPool + 'static)]));
-    let nets = Box::leak(Box::new(nets::<NETS>()));
+    let banks: &'static mut [&'static mut (dyn AnyTaskPool + 'static)] = &mut [];
+    let nets = Box::leak(Box::new([[Net::EMPTY; NETS]; MISSIONS]));
     let (executor, _) = assemble(banks, nets).unwrap();
     executor.with_received(Box::leak(Box::new([const { ReceivedValue::EMPTY }; 2])))
 }

@@ -1,4 +1,4 @@
-//! Places for the values that are received.
+//! Places for the values that come over links.
 
 use core::cell::UnsafeCell;
 
