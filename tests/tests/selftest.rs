@@ -224,9 +224,9 @@ fn at_a_port_nothing_is_driven_unless_it_may_be_and_the_mission_before_comes_bac
             assert_eq!(finding["pass"], serde_json::Value::Null, "{finding}");
             assert!(finding["advice"].to_string().contains("--wheels-lifted"));
         }
-        // The office has walls that no sonar hears, and a simulated board in real time falls behind
-        // the wall's clock where the machine has no time for it.
-        let may_fail = name.starts_with("sonars") || name == "clock";
+        // The office has walls that no sonar hears. A simulated board in real time falls behind the
+        // wall's clock where the machine has no time for it, and frames of its line come too late.
+        let may_fail = name.starts_with("sonars") || matches!(name, "clock" | "line.bad_frames");
         assert!(finding["pass"] != false || may_fail, "{finding}");
     }
     assert_stands_with(&robot, &mission);
