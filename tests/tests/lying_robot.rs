@@ -324,7 +324,7 @@ fn session(setting: &Setting, number: u64) -> Result<Seen, String> {
 fn whatever_a_robot_says_commands_end_with_little_memory_and_terminals_are_left_alone() {
     let setting = Setting::new();
     let first = environment::number("ESM_SEED", 0);
-    let sessions = environment::number("ESM_LIAR_SESSIONS", 1_500);
+    let sessions = environment::number("ESM_LIAR_SESSIONS", 3_000);
     let began = Instant::now();
     let mut failed = Vec::new();
     let mut most: BTreeMap<&str, (u32, u32, Seen)> = BTreeMap::new();
@@ -358,7 +358,7 @@ fn whatever_a_robot_says_commands_end_with_little_memory_and_terminals_are_left_
         failed.len(),
         failed[..failed.len().min(20)].join("\n")
     );
-    if sessions >= 1_500 {
+    if sessions >= 3_000 {
         let none: Vec<_> = (most.iter())
             .filter(|(_, (_, good, _))| *good == 0)
             .collect();
