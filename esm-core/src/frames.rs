@@ -49,11 +49,17 @@ impl Link {
     /// How long a frame with this payload takes, with the gap behind it, in microseconds.
     #[must_use]
     pub fn duration_us(&self, payload_bytes: usize) -> u64 {
-        let bytes = u64::from(self.header_bytes() + CHECKSUM_BYTES) + payload_bytes as u64;
-        let bits = bytes * u64::from(self.bits());
-        let rate_bps = u64::from(self.rate_bps.get().max(1));
-        (bits * US_PER_SECOND).div_ceil(rate_bps) + u64::from(self.gap_us.get())
+        let bytes = self.header_bytes() + payload_bytes as u32;
+        duration_us(bytes, self.bits(), self.rate_bps.get(), self.gap_us.get())
     }
+}
+
+/// How long a frame of so many bytes, header and payload, takes on a link with its checksum and the
+/// gap behind it: in microseconds, rounded up.
+#[must_use]
+pub fn duration_us(bytes: u32, bits: u32, rate_bps: u32, gap_us: u32) -> u64 {
+    let bits = u64::from(bytes + CHECKSUM_BYTES) * u64::from(bits);
+    (bits * US_PER_SECOND).div_ceil(u64::from(rate_bps.max(1))) + u64::from(gap_us)
 }
 
 impl Frame {
@@ -93,6 +99,19 @@ pub fn frames_of<'a>(
 ) -> impl Iterator<Item = &'a Frame> + Clone + use<'a> {
     (tables.frames().iter())
         .filter(move |frame| frame.link.get() == link && frame.is_received() == is_received)
+}
+
+/// Whether a task of a mission is a dispatcher: of which link, and whether it receives.
+#[must_use]
+pub fn dispatcher_of(tables: &Tables<'_>, task: usize) -> Option<(usize, bool)> {
+    for (index, link) in tables.links().iter().enumerate() {
+        for (dispatcher, is_received) in [(link.transmit, false), (link.receive, true)] {
+            if dispatcher.index() == Some(task) {
+                return Some((index, is_received));
+            }
+        }
+    }
+    None
 }
 
 fn wrong(section: Section, index: usize, cause: Cause) -> Refusal {

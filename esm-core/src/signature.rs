@@ -141,6 +141,14 @@ impl<'a> Signature<'a> {
         }
     }
 
+    /// The types of the data ports, in the order of the text.
+    pub fn data_types(self) -> impl Iterator<Item = &'a [u8]> + Clone {
+        self.ports().filter_map(|port| match port {
+            Port::Data { type_name, .. } => Some(type_name),
+            _ => None,
+        })
+    }
+
     /// Counts the ports, if the whole text is well formed: `None` otherwise. The one place where a
     /// text is judged.
     #[must_use]

@@ -8,7 +8,7 @@
 
 use crate::format::Section;
 use crate::refusal::{Cause, Refusal};
-use crate::signature::{Port, fnv1a, is_identifier_part};
+use crate::signature::{fnv1a, is_identifier_part};
 use crate::tables::Tables;
 
 /// Checks the texts of a verified blob: signatures are well formed, with the hash and the counts
@@ -50,11 +50,7 @@ fn check_net_types(tables: &Tables<'_>, task_instance: usize) -> Result<(), Refu
         .map_or(0, |instance| instance.first_connection);
     let types = task
         .into_iter()
-        .flat_map(|task| task.signature.ports())
-        .filter_map(|port| match port {
-            Port::Data { type_name, .. } => Some(type_name),
-            _ => None,
-        });
+        .flat_map(|task| task.signature.data_types());
     for (type_name, index) in types.zip(first..) {
         let net = tables.connection(index).flatten();
         let same_type = net

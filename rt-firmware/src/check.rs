@@ -4,6 +4,7 @@ use core::ops::Deref;
 
 use esm_core::Verified;
 use esm_core::format::{MAGIC, Section};
+use esm_core::frames::dispatcher_of;
 use esm_core::signature::{PortCounts, fnv1a};
 use esm_core::tables::{Tables, record_bytes};
 
@@ -28,7 +29,9 @@ pub fn check<B: Deref<Target = [u8]>>(
     let tables = verified.tables();
     frames::check(&tables, registry)?;
     for (index, task) in tables.tasks().enumerate() {
-        if LINKS > 0 && is_dispatcher(&tables, index) {
+        if LINKS > 0 && dispatcher_of(&tables, index).is_some() {
+            let types = task.signature.data_types();
+            check_nets(&tables, index, task.signature_hash, types)?;
             continue;
         }
         let name = task.signature.name();
@@ -63,7 +66,11 @@ pub fn check<B: Deref<Target = [u8]>>(
                 available: available as u16,
             });
         }
-        check_nets(&tables, index, task.signature_hash, declared)?;
+        let types = declared
+            .ports
+            .iter()
+            .map(|port| port.type_name().as_bytes());
+        check_nets(&tables, index, task.signature_hash, types)?;
         check_params(&tables, index, task.signature_hash, declared)?;
     }
     for Need {
@@ -81,12 +88,6 @@ pub fn check<B: Deref<Target = [u8]>>(
         }
     }
     Ok(())
-}
-
-/// Whether a task is a dispatcher of a link, which no registry has.
-fn is_dispatcher(tables: &Tables<'_>, task: usize) -> bool {
-    let mut links = tables.links().iter();
-    links.any(|link| [link.transmit.index(), link.receive.index()].contains(&Some(task)))
 }
 
 /// Whether a blob that nobody has checked has more slots than the robot. Each pair of slots costs
@@ -190,15 +191,15 @@ fn task_instances_of(tables: &Tables<'_>, signature_hash: u64) -> impl Iterator<
 }
 
 /// Whether each port of a task is on nets of its own type: a value must never reach a port that
-/// takes it for something else.
-fn check_nets(
+/// takes it for something else. `types` are those of its ports, in order.
+fn check_nets<'t>(
     tables: &Tables<'_>,
     task: usize,
     signature_hash: u64,
-    declared: &Declaration,
+    types: impl Iterator<Item = &'t [u8]>,
 ) -> Result<(), LinkError> {
-    for (port, declared_port) in declared.ports.iter().enumerate() {
-        let type_hash = fnv1a(declared_port.type_name().as_bytes());
+    for (port, type_name) in types.enumerate() {
+        let type_hash = fnv1a(type_name);
         let fits = task_instances_of(tables, signature_hash).all(|instance| {
             tables
                 .task_instance(instance)

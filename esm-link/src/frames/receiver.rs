@@ -7,7 +7,7 @@ use super::wire::{FRAMING_BYTES, HEADER_BYTES, MAX_WIRE_BYTES};
 use crate::frame::{CRC_BYTES, DELIMITER};
 
 /// Greatest number of frames that one end of a link receives.
-pub const MAX_FRAMES: usize = 64;
+pub const MAX_FRAMES: usize = esm_core::frames::MAX_FRAMES;
 /// Greatest number of bytes of a frame without its delimiter, which is not kept.
 const MAX_STUFFED_BYTES: usize = MAX_WIRE_BYTES - 1;
 const _: () = assert!(FRAMING_BYTES == 2 && MAX_STUFFED_BYTES < u8::MAX as usize);

@@ -6,9 +6,9 @@ use super::configuration::Configuration;
 use crate::frame::{COBS_GROUP_BYTES, CRC_BYTES, DELIMITER, stuff};
 
 /// Greatest identifier of a frame: CAN has 11 bits for it.
-pub const MAX_IDENTIFIER: u16 = (1 << 11) - 1;
+pub const MAX_IDENTIFIER: u16 = esm_core::frames::MAX_ID;
 /// Greatest number of bytes of a payload.
-pub const MAX_PAYLOAD_BYTES: usize = 240;
+pub const MAX_PAYLOAD_BYTES: usize = esm_core::frames::MAX_PAYLOAD_BYTES;
 /// Bytes before the payload: identifier, occurrence number, configuration.
 pub const HEADER_BYTES: usize = 4;
 /// Bytes that COBS and the delimiter add to a frame.

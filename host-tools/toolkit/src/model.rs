@@ -5,6 +5,8 @@
 //! set of files without errors, so whoever takes one can rely on every index in it. Every part
 //! keeps the [`Span`] that it came from, for messages.
 
+use esm_core::frames;
+
 /// Index into [`Model::files`] and a byte range in that file's text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Default)]
 pub struct Span {
@@ -209,18 +211,6 @@ pub struct Dispatcher {
     pub direction: Direction,
 }
 
-/// The greatest identifier of a frame: 11 bits.
-pub const MAX_FRAME_ID: u32 = 2_047;
-
-/// The most frames of a dispatcher.
-pub const MAX_FRAMES: usize = 64;
-
-/// The longest payload of a frame.
-pub const MAX_PAYLOAD_BYTES: u8 = 240;
-
-/// Bytes of the checksum behind each payload.
-pub const CHECKSUM_BYTES: u8 = 4;
-
 /// A line between processors.
 #[derive(Clone, Debug)]
 pub struct Link {
@@ -251,7 +241,7 @@ pub struct Link {
 pub struct Frame {
     /// Name.
     pub name: String,
-    /// Identifier, at most [`MAX_FRAME_ID`].
+    /// Identifier, at most [`frames::MAX_ID`].
     pub id: u16,
     /// Index into [`Model::links`].
     pub link: usize,
@@ -259,7 +249,7 @@ pub struct Frame {
     pub direction: Direction,
     /// What it carries.
     pub content: Content,
-    /// Bytes of its payload, 1 to [`MAX_PAYLOAD_BYTES`]; `None` where they could not be read.
+    /// Bytes of its payload, 1 to [`frames::MAX_PAYLOAD_BYTES`]; `None` where they could not be read.
     pub payload_bytes: Option<u8>,
     /// Its period in microseconds; `None` where it could not be read.
     pub period_us: Option<u32>,
@@ -286,19 +276,16 @@ impl Frame {
     /// How long it takes on its link with the gap behind it, in microseconds.
     #[must_use]
     pub fn duration_us(&self, link: &Link) -> Option<u64> {
-        const US_PER_SECOND: u64 = 1_000_000;
         let payload = self.payload_bytes.filter(|bytes| *bytes > 0)?;
-        let bytes = u64::from(link.header_bytes) + u64::from(payload) + u64::from(CHECKSUM_BYTES);
-        let bits = bytes * u64::from(link.bits);
-        let rate_bps = u64::from(link.rate_bps?.max(1));
-        Some((bits * US_PER_SECOND).div_ceil(rate_bps) + u64::from(link.gap_us))
+        let bytes = u32::from(link.header_bytes) + u32::from(payload);
+        let (bits, rate_bps) = (link.bits.into(), link.rate_bps?);
+        Some(frames::duration_us(bytes, bits, rate_bps, link.gap_us))
     }
 
     /// How old a received value may be, in microseconds.
     #[must_use]
     pub fn late_us(&self) -> u64 {
-        const LATE_PERIODS: u64 = 3;
-        let periods = LATE_PERIODS * u64::from(self.period_us.unwrap_or(0));
+        let periods = frames::LATE_PERIODS * u64::from(self.period_us.unwrap_or(0));
         self.late_us.map_or(periods, u64::from)
     }
 }

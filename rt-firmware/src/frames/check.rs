@@ -1,8 +1,8 @@
 //! Whether a firmware can serve the links of a mission.
 
-use esm_core::frames::{self, frames_of};
+use esm_core::frames::{self, dispatcher_of, frames_of};
 use esm_core::layout::Frame;
-use esm_core::signature::{Direction, Port, Signature, fnv1a};
+use esm_core::signature::{Direction, Port, Signature};
 use esm_core::tables::Tables;
 
 use super::limits::{FRAMES, LINKS};
@@ -11,18 +11,6 @@ use crate::ports::Registry;
 use crate::received_value::VALUE_BYTES;
 use esm_link::message::{Capacity, LinkError};
 
-/// Whether a task of a mission is a dispatcher: of which link, and whether it receives.
-pub(crate) fn dispatcher_of(tables: &Tables<'_>, task: usize) -> Option<(usize, bool)> {
-    for (index, link) in tables.links().iter().enumerate() {
-        for (dispatcher, is_received) in [(link.transmit, false), (link.receive, true)] {
-            if dispatcher.index() == Some(task) {
-                return Some((index, is_received));
-            }
-        }
-    }
-    None
-}
-
 /// The type of this name that a task of the robot has.
 pub(crate) fn kind_of(registry: Registry<'_>, type_name: &[u8]) -> Option<ValueKind> {
     let mut ports = registry.declarations().flat_map(|declared| declared.ports);
@@ -30,16 +18,9 @@ pub(crate) fn kind_of(registry: Registry<'_>, type_name: &[u8]) -> Option<ValueK
     Some(port.kind)
 }
 
-/// Types of the data ports of a dispatcher, in order.
-pub(crate) fn port_types<'t>(signature: Signature<'t>) -> impl Iterator<Item = &'t [u8]> + use<'t> {
-    signature.ports().filter_map(|port| match port {
-        Port::Data { type_name, .. } => Some(type_name),
-        _ => None,
-    })
-}
-
-/// Checks the links of a verified blob: their table, that there is room for them, and that each
-/// value fits its payload.
+/// Checks the links of a verified blob: their table, that there is room for them, the signatures of
+/// their dispatchers, and that each value fits its payload. Whether ports are on nets of their types
+/// is asked as of any task.
 ///
 /// # Errors
 /// What cannot be served.
@@ -76,9 +57,8 @@ pub fn check(tables: &Tables<'_>, registry: Registry<'_>) -> Result<(), LinkErro
         if !is_right {
             return Err(differs);
         }
-        check_nets(tables, task, declared.signature)?;
         let values = frames.filter(|frame| frame.flags.get() == 0);
-        for (frame, type_name) in values.zip(port_types(declared.signature)) {
+        for (frame, type_name) in values.zip(declared.signature.data_types()) {
             check_value(registry, frame, type_name).map_err(|needed| {
                 LinkError::PayloadDiffers {
                     frame: place_of(tables, frame),
@@ -117,30 +97,6 @@ fn has_directions(signature: Signature<'_>, is_received: bool, carried: usize) -
         }
         Port::Param { .. } => false,
     })
-}
-
-fn check_nets(tables: &Tables<'_>, task: usize, signature: Signature<'_>) -> Result<(), LinkError> {
-    for (port, type_name) in port_types(signature).enumerate() {
-        let type_hash = fnv1a(type_name);
-        let fits = (0..tables.task_instance_count()).all(|instance| {
-            let is_of = tables
-                .task_state_of(instance)
-                .is_some_and(|state| state.task == task);
-            let net = tables
-                .task_instance(instance)
-                .and_then(|instance| tables.connection(instance.first_connection + port))
-                .flatten()
-                .and_then(|net| tables.net(net));
-            !is_of || net.is_none_or(|net| net.type_hash == type_hash)
-        });
-        if !fits {
-            return Err(LinkError::NetTypeDiffers {
-                task: task as u16,
-                port: port as u16,
-            });
-        }
-    }
-    Ok(())
 }
 
 /// Whether a value fits the payload of its frame; else how long it is, 0 where nobody knows it.

@@ -2,10 +2,10 @@
 
 use core::ops::Range;
 
+use esm_core::frames::dispatcher_of;
 use esm_core::tables::Tables;
 use esm_link::frames::wire::Header;
 
-use super::check::dispatcher_of;
 use super::device::LinkDevice;
 use super::limits::{FRAMES, LINKS, MAX_OCCURRENCES, NO_DISPATCHER, VALUES};
 use super::table::{self, FrameEntry, FrameState, LinkEntry, Received};

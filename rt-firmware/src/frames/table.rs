@@ -11,7 +11,7 @@ use esm_link::frames::occurrences::Occurrences;
 use esm_link::frames::receiver::{InFrame, InFrames};
 use zerocopy::IntoBytes;
 
-use super::check::{kind_of, port_types};
+use super::check::kind_of;
 use super::limits::LINKS;
 use crate::declaration::ValueKind;
 use crate::ports::Registry;
@@ -139,7 +139,9 @@ pub(super) fn prepare(
                 false => record.transmit,
             };
             let task = task.index().and_then(|task| tables.task(task));
-            let mut types = task.into_iter().flat_map(|task| port_types(task.signature));
+            let mut types = task
+                .into_iter()
+                .flat_map(|task| task.signature.data_types());
             let (mut port, mut next_carried, mut by_itself) = (0, 0, carried);
             for frame in of_it {
                 let Some(place) = frames.get_mut(count) else {

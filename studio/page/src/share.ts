@@ -1,6 +1,15 @@
 /** A mission in a link: its text, packed, in the part of the address that no server sees. */
 
-import type { Interventions } from "./studio";
+import type { Plan } from "./run";
+
+/** What is done to the robot and its world, each with its time. */
+export interface Interventions {
+  breaks: Plan["breaks"];
+  stuck: Plan["stuck"];
+  stop_at_us: number | null;
+  /** Lines of the world. */
+  lines: string[];
+}
 
 /** A moment of a run, with all that the run follows from. */
 export interface Moment {

@@ -3,7 +3,7 @@ import { Editor, type Problem } from "./editor";
 import { Engine, Refused } from "./engine";
 import type { Choices, Drawn, Missing, Shown, Slots, World } from "./protocol";
 import { behind, type Plan, Run, type TermOf } from "./run";
-import { type Moment, opened, pack, unpack } from "./share";
+import { type Interventions, type Moment, opened, pack, unpack } from "./share";
 import { languages, wanted } from "./words";
 
 interface Catalogue {
@@ -21,15 +21,6 @@ export type Breakpoint =
   | { kind: "transition"; from: string; to: string }
   | ({ kind: "term" } & TermOf)
   | { kind: "value"; curve: string; above: boolean; limit: number };
-
-/** What is done to the robot and its world, each with its time. */
-export interface Interventions {
-  breaks: Plan["breaks"];
-  stuck: Plan["stuck"];
-  stop_at_us: number | null;
-  /** Lines of the world. */
-  lines: string[];
-}
 
 const untouched = (): Interventions => ({ breaks: [], stuck: [], stop_at_us: null, lines: [] });
 /** The first bytes of a recording. */

@@ -55,12 +55,6 @@ pub struct FrameRow {
     pub configuration: String,
 }
 
-/// Whether a task is a dispatcher of a link.
-pub(super) fn is_dispatcher(tables: &Tables<'_>, task: usize) -> bool {
-    let mut links = tables.links().iter();
-    links.any(|link| [link.transmit.index(), link.receive.index()].contains(&Some(task)))
-}
-
 /// The links of a blob.
 pub(super) fn rows(tables: &Tables<'_>) -> Vec<LinkRow> {
     let of_link = |(index, link): (usize, &Link)| LinkRow {
@@ -92,10 +86,7 @@ fn frames(tables: &Tables<'_>, link: usize, task: usize, is_received: bool) -> V
     };
     let frames = frames_of(tables, link, is_received);
     let ports = task.signature.ports();
-    let mut types = ports.clone().filter_map(|port| match port {
-        Port::Data { type_name, .. } => Some(readable(type_name)),
-        _ => None,
-    });
+    let mut types = task.signature.data_types().map(readable);
     let flags = ports.filter_map(|port| match port {
         Port::Flag { name, .. } => Some(readable(name)),
         _ => None,

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 
 use esm_core::Verified;
 use esm_core::format::PULSE;
+use esm_core::frames::dispatcher_of;
 use esm_core::signature::{Direction, Port, Signature};
 use esm_core::tables::{Region, StateKind, Task, TaskState};
 
@@ -184,7 +185,7 @@ impl Writer<'_, '_> {
 
     fn tasks(&mut self) -> Result<(), NoSource> {
         let tables = self.reader.tables;
-        let of_files = |task: &(usize, Task<'_>)| !links::is_dispatcher(&tables, task.0);
+        let of_files = |task: &(usize, Task<'_>)| dispatcher_of(&tables, task.0).is_none();
         for (index, task) in tables.tasks().enumerate().filter(of_files) {
             let habits = self.habits.get(index).cloned().unwrap_or_default();
             let mut head = format!("\ntask {}", readable(task.signature.name()));
@@ -359,7 +360,8 @@ impl Writer<'_, '_> {
                 let mut line = format!("task {name}: {}", readable(task.signature.name()));
                 let habits = self.habits.get(task_state.task);
                 let usual = habits.and_then(|habits| habits.slot);
-                if usual != Some(task_state.slot) || links::is_dispatcher(&tables, task_state.task)
+                if usual != Some(task_state.slot)
+                    || dispatcher_of(&tables, task_state.task).is_some()
                 {
                     let _ = write!(line, " slot {}", self.reader.slot_number(task_state.slot));
                 }

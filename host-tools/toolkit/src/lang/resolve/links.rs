@@ -5,14 +5,15 @@
 
 use std::collections::HashMap;
 
+use esm_core::frames::{MAX_BITS, MAX_FRAMES, MAX_ID, MAX_PAYLOAD_BYTES, MAX_RATE_BPS};
+
 use crate::lang::analysis::holes::TaskHoles;
 use crate::lang::cure::Cure;
 use crate::lang::diagnostic::{Code, Diagnostic, Fix};
 use crate::lang::references::Undeclared;
 use crate::lang::tree::{self, FrameContent, Given, Name, Number, Rate};
 use crate::model::{
-    Content, DataPort, Direction, Dispatcher, Flag, Frame, Link, MAX_FRAME_ID, MAX_FRAMES,
-    MAX_PAYLOAD_BYTES, Model, Span, Task,
+    Content, DataPort, Direction, Dispatcher, Flag, Frame, Link, Model, Span, Task,
 };
 use crate::schedule::{SlotSpec, overcommitted};
 
@@ -26,12 +27,6 @@ const DEFAULT_HEADER_BYTES: u8 = 4;
 
 /// Bits that a byte takes on the wire, where the link does not say it.
 const DEFAULT_BITS: u8 = 10;
-
-/// The fastest link, in bits a second.
-const MAX_RATE_BPS: u32 = 100_000_000;
-
-/// The most bits that a byte takes on the wire.
-const MAX_BITS: u8 = 20;
 
 /// Bits of a byte of a payload.
 const FLAGS_PER_BYTE: usize = 8;
@@ -66,14 +61,13 @@ impl FlagNames {
 /// The name space of links.
 pub(super) struct LinkTable<'f> {
     names: Scope<'f>,
-    /// For each link, the tasks of its dispatchers and whether its name is another's, too.
+    /// For each link, what else is known of it than its model.
     links: Vec<LinkFacts>,
 }
 
 #[derive(Clone, Copy)]
 struct LinkFacts {
-    transmit: usize,
-    receive: usize,
+    /// Its name is another's, too.
     is_twin: bool,
     /// Frames of it may be missing.
     has_gaps: bool,
@@ -99,8 +93,6 @@ impl<'f> LinkTable<'f> {
             names.declare(&mut table.names, tree.name, index, "link");
             let first = 2 * index + model.tasks.len();
             table.links.push(LinkFacts {
-                transmit: first,
-                receive: first + 1,
                 is_twin: false,
                 has_gaps: set.trees.iter().any(|file| file.has_gaps),
             });
@@ -144,7 +136,7 @@ impl<'f> LinkTable<'f> {
             };
             check_numbers(tree, names);
             if let (Some(link), Some(direction), Some(number)) = (link, tree.direction, tree.number)
-                && number.value <= MAX_FRAME_ID
+                && number.value <= u32::from(MAX_ID)
             {
                 match identifiers.get(&(link, direction, number.value)) {
                     Some(&first) => report_identifier(number, first, names),
@@ -218,12 +210,13 @@ impl<'f> LinkTable<'f> {
         &self,
         link: Name,
         direction: Direction,
+        model: &Model,
         names: &mut Names<'f, '_>,
     ) -> Option<usize> {
-        let facts = self.links.get(self.resolve(link, names)?)?;
+        let link = model.links.get(self.resolve(link, names)?)?;
         Some(match direction {
-            Direction::Out => facts.transmit,
-            _ => facts.receive,
+            Direction::Out => link.transmit,
+            _ => link.receive,
         })
     }
 
@@ -271,7 +264,7 @@ fn declare_link(tree: &tree::Link, first_task: usize, names: &mut Names<'_, '_>)
         tree.bits,
         "the number of bits of a byte on the wire",
         1,
-        MAX_BITS.into(),
+        MAX_BITS,
         "",
     );
     let span = tree.name.map_or(tree.span, |name| name.0);
@@ -490,12 +483,12 @@ fn report_identifier(number: Number, first: Span, names: &mut Names<'_, '_>) {
 /// The numbers of a frame, and the words that only some frames have.
 fn check_numbers(tree: &tree::Frame, names: &mut Names<'_, '_>) {
     if let Some(number) = tree.number
-        && number.value > MAX_FRAME_ID
+        && number.value > u32::from(MAX_ID)
     {
-        out_of_range(number, "an identifier", 0, MAX_FRAME_ID, "", names);
+        out_of_range(number, "an identifier", 0, MAX_ID.into(), "", names);
     }
     if let Some(payload) = tree.payload_bytes.value() {
-        let greatest = u32::from(MAX_PAYLOAD_BYTES);
+        let greatest = MAX_PAYLOAD_BYTES as u32;
         if !(1..=greatest).contains(&payload.value) {
             out_of_range(
                 payload,

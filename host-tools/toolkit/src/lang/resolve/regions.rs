@@ -240,7 +240,9 @@ impl<'f> Resolver<'_, 'f> {
                         Given::Absent => {}
                         Given::Broken => return None,
                         Given::Value((direction, _)) => {
-                            return self.links.dispatcher(reference, *direction, names);
+                            return self
+                                .links
+                                .dispatcher(reference, *direction, self.model, names);
                         }
                     }
                     names.resolve(&self.tasks.names, reference, "task", |task| {
