@@ -249,7 +249,8 @@ pub struct Frame {
     pub direction: Direction,
     /// What it carries.
     pub content: Content,
-    /// Bytes of its payload, 1 to [`frames::MAX_PAYLOAD_BYTES`]; `None` where they could not be read.
+    /// Bytes of its payload, 1 to [`frames::MAX_PAYLOAD_BYTES`]; `None` where they could not be
+    /// read.
     pub payload_bytes: Option<u8>,
     /// Its period in microseconds; `None` where it could not be read.
     pub period_us: Option<u32>,

@@ -19,8 +19,8 @@ pub(crate) fn kind_of(registry: Registry<'_>, type_name: &[u8]) -> Option<ValueK
 }
 
 /// Checks the links of a verified blob: their table, that there is room for them, the signatures of
-/// their dispatchers, and that each value fits its payload. Whether ports are on nets of their types
-/// is asked as of any task.
+/// their dispatchers, and that each value fits its payload. Whether ports are on nets of their
+/// types is asked as of any task.
 ///
 /// # Errors
 /// What cannot be served.
