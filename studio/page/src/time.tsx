@@ -142,8 +142,11 @@ export function Time({ studio }: { studio: Studio }) {
   };
   const isWorking = run?.kind === "simulated" && !run.end && !run.error;
   const isLive = run?.kind === "live";
+  // There is no moment to go to before the recording has been read.
+  const isReading = run?.kind === "recorded" && !run.isWhole && !run.error;
+  const hasMoments = run !== null && !isReading;
   const goesOn = isLive ? studio.follows : studio.isPlaying;
-  const kinds = { simulated: "", recorded: words.recorded, live: run?.connected ? words.connected(run.connected.board, run.behind_ms) : words.connecting };
+  const kinds = { simulated: "", recorded: isReading ? words.reading : words.recorded, live: run?.connected ? words.connected(run.connected.board, run.behind_ms) : words.connecting };
   const height = bars.size * ROW_PX + studio.plotted.length * CURVE_PX + FOOT_PX;
   const slots = studio.slots?.slots.length ?? 0;
   return (
@@ -153,16 +156,16 @@ export function Time({ studio }: { studio: Studio }) {
           ▶ {run?.kind === "simulated" ? words.runAgain : words.run}</button>
         {studio.isLive && !isLive && <button onClick={() => studio.connect()}>{words.connect}</button>}
         <span class="group">
-          <button disabled={!run} onClick={() => { studio.isPlaying = false; studio.seek(start_us); }}
+          <button disabled={!hasMoments} onClick={() => { studio.isPlaying = false; studio.seek(start_us); }}
             aria-label={words.toStart} title={words.toStart}><Icon of="start" /></button>
-          <button disabled={!run} onClick={() => studio.step(-1)} aria-label={words.stepBack} title={`${words.stepBack} (Alt+←)`}><Icon of="back" /></button>
-          <button disabled={!run} onClick={() => studio.toggle()}
+          <button disabled={!hasMoments} onClick={() => studio.step(-1)} aria-label={words.stepBack} title={`${words.stepBack} (Alt+←)`}><Icon of="back" /></button>
+          <button disabled={!hasMoments} onClick={() => studio.toggle()}
             aria-label={goesOn ? words.pause : words.play}
             title={`${goesOn ? words.pause : words.play} (Alt+Enter)`}><Icon of={goesOn ? "pause" : "play"} /></button>
-          <button disabled={!run} onClick={() => studio.step(1)} aria-label={words.step} title={`${words.step} (Alt+→)`}><Icon of="step" /></button>
+          <button disabled={!hasMoments} onClick={() => studio.step(1)} aria-label={words.step} title={`${words.step} (Alt+→)`}><Icon of="step" /></button>
         </span>
         <output class="clock" aria-label={words.time}>{seconds(studio.t_us)} / {(whole_us / 1e6).toFixed(0)} s</output>
-        <input type="range" class="slider" min={start_us} max={whole_us} step={10_000} value={studio.t_us} disabled={!run}
+        <input type="range" class="slider" min={start_us} max={whole_us} step={10_000} value={studio.t_us} disabled={!hasMoments}
           aria-label={words.time} aria-valuetext={seconds(studio.t_us)}
           onInput={(event) => { studio.isPlaying = false; studio.seek(Number(event.currentTarget.value)); }} />
         <label class="speed"><span>{words.speed}</span> <select value={studio.speed}

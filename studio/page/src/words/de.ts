@@ -108,6 +108,7 @@ export const de: Words = {
   slotsNominal: "Nominelle Starts und Dauern. Simulierte Zeit kennt keine Verzögerungen: Ein verbundener Roboter nennt seine eigenen.",
   slotsLive: "Nominelle Starts und Dauern; neben jedem Slot seine Last und die längste Verzögerung eines Starts, wie der Roboter gezählt hat.",
   events: "Ereignisse",
+  reading: "Die Aufzeichnung wird gelesen…",
   recorded: "Eine Aufzeichnung. Der Ort ist der nach der Odometrie des Roboters.",
   connect: "Roboter",
   connected: (board, ms) =>

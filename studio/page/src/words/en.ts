@@ -106,6 +106,7 @@ export const en = {
   slotsNominal: "Nominal starts and durations. Simulated time knows no delays: a robot that is connected tells its own.",
   slotsLive: "Nominal starts and durations; beside each slot its load and the longest delay of a start, as the robot has counted.",
   events: "Events",
+  reading: "Reading the recording…",
   recorded: "A recording. Its place is the robot's own odometry.",
   connect: "Robot",
   connected: (board: string, ms: number | null) =>
