@@ -175,11 +175,12 @@ fn floods() -> Vec<(&'static str, Flood)> {
 }
 
 /// What costs the robot most.
-const WORST: [&str; 9] = [
+const WORST: [&str; 10] = [
     "status",
     "black box",
     "identify",
     "install key",
+    "listener",
     "mixed",
     "open session",
     "proven",
@@ -196,12 +197,14 @@ enum Flood {
     One(Request<'static>),
     /// Sessions with nonces of the robot's that seem to be young, by its time.
     Opening(Arc<Pace>),
+    /// Wrong proofs under the number that the owner's next request will have.
+    Listening,
     Mixed(Random),
 }
 
 impl Flood {
-    /// The next frame of it.
-    fn frame(&mut self, count: usize) -> Vec<u8> {
+    /// The next frame of it, if the owner's last request had this number.
+    fn frame(&mut self, count: usize, owners: u32) -> Vec<u8> {
         let seq = FLOOD_NUMBERS[count % FLOOD_NUMBERS.len()];
         match self {
             Flood::Nothing => Vec::new(),
@@ -216,6 +219,18 @@ impl Flood {
                         client: [1; NONCE_BYTES],
                         robot,
                         proof: [2; PROOF_BYTES],
+                    },
+                )
+            }
+            Flood::Listening => {
+                let mut proof = [0; PROOF_BYTES];
+                proof[..8].copy_from_slice(&count.to_le_bytes());
+                frame(
+                    seq,
+                    Request::Proven {
+                        number: owners.wrapping_add(1),
+                        proof,
+                        request: &[5],
                     },
                 )
             }
@@ -243,6 +258,30 @@ impl Flood {
 struct Crowded {
     line: Arc<Mutex<Box<dyn ByteLink>>>,
     flood: Arc<Mutex<(Flood, usize)>>,
+    owner: Arc<Mutex<Overheard>>,
+}
+
+/// What a listener knows of the owner's requests.
+#[derive(Default)]
+struct Overheard {
+    reader: FrameReader,
+    /// The number of the last one.
+    number: u32,
+}
+
+impl Overheard {
+    fn hear(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            let message = self.reader.push(*byte).map(decode::<ToDevice>);
+            if let Some(Ok(ToDevice {
+                request: Request::Proven { number, .. },
+                ..
+            })) = message
+            {
+                self.number = number;
+            }
+        }
+    }
 }
 
 impl Crowded {
@@ -257,7 +296,7 @@ impl Crowded {
             let frame = {
                 let (flood, count) = &mut *self.flood.lock().unwrap();
                 *count += 1;
-                flood.frame(*count)
+                flood.frame(*count, self.owner.lock().unwrap().number)
             };
             if matches!(self.flood.lock().unwrap().0, Flood::Nothing) {
                 return Ok(());
@@ -288,6 +327,7 @@ impl ByteLink for Crowded {
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.crowd(bytes.len())?;
+        self.owner.lock().unwrap().hear(bytes);
         self.line.lock().unwrap().send(bytes)
     }
 
@@ -324,6 +364,7 @@ fn robot_by(name: &str, mission: &[u8], way: LinkWay, pace: Arc<Pace>) -> Robot 
     let line = Crowded {
         line: Arc::new(Mutex::new(line)),
         flood: Arc::new(Mutex::new((Flood::Nothing, 0))),
+        owner: Arc::default(),
     };
     let (mut client, _) = LinkClient::connect(line.clone()).unwrap();
     client.upload(mission, &mut |_| ()).unwrap();
@@ -475,6 +516,14 @@ fn whatever_fills_the_line_leaves_slot_0_its_part() {
         println!("{name:14} leaves slot 0 {percent} % of what it has on a quiet line");
         assert!(percent >= LEAST_PERCENT, "{name}: {percent} %");
     }
+    // In a session of the owner's, whose numbers a listener knows.
+    robot.client().install_key(&key()).unwrap();
+    let mut owner = robot.client();
+    owner.use_key(Box::new(|| Ok(key())));
+    owner.abort().unwrap();
+    let percent = done_in(Flood::Listening) * 100 / quiet;
+    println!("listener leaves slot 0 {percent} % of what it has on a quiet line");
+    assert!(percent >= LEAST_PERCENT, "listener: {percent} %");
 }
 
 fn key() -> SigningKey {
@@ -500,10 +549,28 @@ fn crowded_uploads(robot: &Robot, most: Option<f64>) {
     // What the owner's upload takes of the robot's time.
     let upload_s = |blob: &[u8]| {
         let began_s = robot.now_s();
+        let fl0 = robot.line.flood.lock().unwrap().1;
         let mut client = LinkClient::connect(robot.line.clone())?.0;
         client.use_key(Box::new(|| Ok(key())));
+        let c_s = robot.now_s();
         client.abort()?;
-        client.stage(blob, &mut |_| ())?;
+        let a_s = robot.now_s();
+        let mut last = a_s;
+        let mut gaps = vec![];
+        client.stage(blob, &mut |p| {
+            let n = robot.now_s();
+            gaps.push(format!("{:.0}", (n - last) * 1e3));
+            last = n;
+            let _ = p;
+        })?;
+        println!(
+            "   {:.3} connect {:.3} abort {:.3} stage {:.3} {} frames {gaps:?}",
+            robot.now_s() - began_s,
+            c_s - began_s,
+            a_s - c_s,
+            robot.now_s() - a_s,
+            robot.line.flood.lock().unwrap().1 - fl0
+        );
         Ok::<_, ClientError>(robot.now_s() - began_s)
     };
     let quiet_s = upload_s(&other).unwrap();
@@ -514,6 +581,7 @@ fn crowded_uploads(robot: &Robot, most: Option<f64>) {
         floods.extend(more.map(|(name, request)| (name, Flood::One(request))));
         let pace = Arc::clone(robot.plant.pace());
         floods.push(("open session", Flood::Opening(pace)));
+        floods.push(("listener", Flood::Listening));
     }
     floods.retain(|(name, _)| all || WORST.contains(name));
     let whose = if most.is_some() {
@@ -589,6 +657,7 @@ fn watched_robot() -> (Emulator, Crowded, Arc<Mutex<Motors>>) {
     let line = Crowded {
         line: Arc::new(Mutex::new(Box::new(line))),
         flood: Arc::new(Mutex::new((Flood::Nothing, 0))),
+        owner: Arc::default(),
     };
     let (mut client, _) = LinkClient::connect(line.clone()).unwrap();
     let mission = std::env::var("ESM_LOAD_MISSION");

@@ -13,12 +13,11 @@ use super::port::LinkPort;
 const MOST_DEBT_US: i32 = 2_000_000;
 /// How much it may owe and still look for a stop that was heard, to answer it.
 const DEBT_FOR_A_STOP_US: i32 = 50_000;
-/// What takes longer beyond the budget is long, in microseconds.
-const LONG_US: i32 = 20_000;
-/// How much is forgiven of a long request of the owner's, and how often: a signature takes 0.12 s
-/// on a slow board.
-const MOST_FORGIVEN_US: i32 = 150_000;
-const FORGIVEN_EACH_US: u64 = 1_000_000;
+/// Of the time that slots leave, the owner's requests may take so much besides, in percent: so
+/// strangers who take all that the link may have hold up neither his upload nor his signature.
+const OWNERS_PERCENT: u32 = 25;
+/// How much of that is saved up, in microseconds: a signature takes 0.12 s on a slow board.
+const OWNERS_BURST_US: u32 = 150_000;
 /// The longest time that is counted at once.
 const LONGEST_US: u32 = 10_000_000;
 const PERCENT: u32 = 100;
@@ -31,8 +30,8 @@ pub(super) struct Budget {
     at_us: u64,
     /// How long slots had run then.
     slots_us: u32,
-    /// From when on a long request of the owner's is forgiven.
-    forgives_at_us: u64,
+    /// What the owner has besides, in microseconds.
+    owners_us: u32,
 }
 
 impl Budget {
@@ -41,7 +40,7 @@ impl Budget {
         left_us: i32::MAX,
         at_us: 0,
         slots_us: 0,
-        forgives_at_us: 0,
+        owners_us: OWNERS_BURST_US,
     };
 
     /// The link's turn begins: what has passed is for the link to have its share of.
@@ -61,6 +60,7 @@ impl Budget {
     fn pass<P: LinkPort>(&mut self, now_us: u64, slots_us: u32) -> u32 {
         const {
             assert!(P::LINK_PERCENT >= 1 && P::LINK_PERCENT <= PERCENT as u8);
+            assert!(P::LINK_PERCENT as u32 + OWNERS_PERCENT <= PERCENT);
             assert!(P::LINK_BURST_US <= LONGEST_US);
         };
         let passed_us = now_us.saturating_sub(self.at_us);
@@ -69,28 +69,26 @@ impl Budget {
         let passed_us = passed_us.saturating_sub(slots_took_us);
         self.at_us = now_us;
         self.slots_us = slots_us;
-        let share_us = passed_us / PERCENT * u32::from(P::LINK_PERCENT)
-            + passed_us % PERCENT * u32::from(P::LINK_PERCENT) / PERCENT;
+        let share_us = share(passed_us, u32::from(P::LINK_PERCENT));
         let left_us = self.left_us.saturating_add(share_us as i32);
         self.left_us = left_us.min(P::LINK_BURST_US as i32);
+        let owners_us = self.owners_us + share(passed_us, OWNERS_PERCENT);
+        self.owners_us = owners_us.min(OWNERS_BURST_US);
         passed_us
     }
 
-    /// What is to be paid back.
-    pub(super) fn owed_us(&self) -> i32 {
-        -self.left_us.min(0)
+    /// What is left of it.
+    pub(super) fn left_us(&self) -> i32 {
+        self.left_us
     }
 
-    /// A request of the owner's is done, who owed so much before: what it took beyond the budget
-    /// is forgiven, once in [`FORGIVEN_EACH_US`] and so much at most. So a signature of his is
-    /// looked at although strangers take all that the link may have, and slot 0 keeps its part
-    /// whatever he asks for.
-    pub(super) fn forgive(&mut self, owed_us: i32) {
-        let took_us = self.owed_us() - owed_us;
-        if took_us >= LONG_US && self.at_us >= self.forgives_at_us {
-            self.left_us += took_us.min(MOST_FORGIVEN_US);
-            self.forgives_at_us = self.at_us + FORGIVEN_EACH_US;
-        }
+    /// A request of the owner's is done, before which so much was left: what it took is for the
+    /// owner's own part to pay, as far as that goes.
+    pub(super) fn pay_for_owner(&mut self, before_us: i32) {
+        let took_us = before_us.saturating_sub(self.left_us).max(0) as u32;
+        let paid_us = took_us.min(self.owners_us);
+        self.owners_us -= paid_us;
+        self.left_us += paid_us as i32;
     }
 
     /// Whether requests are carried out.
@@ -102,6 +100,11 @@ impl Budget {
     pub(super) fn is_left_for_a_stop(&self) -> bool {
         self.left_us > -DEBT_FOR_A_STOP_US
     }
+}
+
+/// So many percent of a time.
+fn share(time_us: u32, percent: u32) -> u32 {
+    time_us / PERCENT * percent + time_us % PERCENT * percent / PERCENT
 }
 
 #[cfg(test)]
@@ -122,31 +125,48 @@ mod tests {
         }
     }
 
-    /// Works for so long at a time, with what was saved up used up before.
-    fn after(budget: &mut Budget, now_us: u64, took_us: u64) {
+    /// Works for so long at a time, with what was saved up used up before. Returns the debt.
+    fn after(budget: &mut Budget, now_us: u64, took_us: u64) -> i32 {
         budget.begin::<Port>(now_us, 0);
         budget.left_us = 0;
-        let owed_us = budget.owed_us();
         budget.charge::<Port>(now_us + took_us, 0);
-        budget.forgive(owed_us);
+        budget.pay_for_owner(0);
+        -budget.left_us()
     }
 
     #[test]
-    fn a_long_request_of_the_owners_is_forgiven_once_a_second_and_no_more_of_it() {
+    fn the_owner_has_a_part_of_his_own_and_no_more_of_it() {
         let mut budget = Budget::FULL;
-        let half = i32::from(Port::LINK_PERCENT) * 1_200;
-        after(&mut budget, 0, 120_000);
-        assert_eq!(budget.owed_us(), 0);
-        after(&mut budget, 500_000, 120_000);
-        assert_eq!(budget.owed_us(), 120_000 - half);
-        after(&mut budget, 1_200_000, 120_000);
-        assert_eq!(budget.owed_us(), 0);
-        after(&mut budget, 2_400_000, 1_200_000);
-        // What is earned meanwhile is no more than what can be saved up.
-        let earned = Port::LINK_BURST_US as i32;
-        assert_eq!(budget.owed_us(), 1_200_000 - earned - MOST_FORGIVEN_US);
-        // Short ones are as anyone's.
-        after(&mut budget, 9_000_000, 10_000);
-        assert_eq!(budget.owed_us(), 10_000 - half / 12);
+        // A signature, of which the link's share comes in meanwhile.
+        let net = |took_us: i32| took_us - took_us * i32::from(Port::LINK_PERCENT) / 100;
+        assert_eq!(after(&mut budget, 0, 120_000), 0);
+        // What is left of the part, and what came in since.
+        assert_eq!(after(&mut budget, 120_000, 240_000), 0);
+        let owners_us = 150_000 - net(240_000);
+        assert_eq!(
+            after(&mut budget, 360_000, 400_000),
+            net(400_000) - owners_us - 400_000 / 4
+        );
+        // A quarter of a time that passes, so that slot 0 has another.
+        assert_eq!(after(&mut budget, 960_000, 200_000), 0);
+        assert_eq!(
+            after(&mut budget, 1_160_000, 100_000),
+            net(100_000) - 25_000
+        );
+    }
+
+    #[test]
+    fn what_strangers_take_is_their_own_debt() {
+        let mut budget = Budget::FULL;
+        budget.begin::<Port>(0, 0);
+        budget.left_us = 0;
+        budget.charge::<Port>(100_000, 0);
+        let before_us = budget.left_us();
+        assert_eq!(
+            before_us,
+            -100_000 * (100 - i32::from(Port::LINK_PERCENT)) / 100
+        );
+        budget.pay_for_owner(before_us);
+        assert_eq!(budget.left_us(), before_us);
     }
 }

@@ -220,15 +220,29 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         self.sessions.get_mut(next).map(|one| &mut one.reply)
     }
 
-    /// Takes bytes up to the end of a request, and answers it.
+    /// Takes requests, and answers them, as long as there is room for that.
     fn receive(&mut self, port: &mut impl LinkPort) {
         let mut room = [0; MAX_MESSAGE_BYTES];
         while self.sessions.iter().all(ClientSession::may_have_room) || self.handler.is_overloaded()
         {
-            if !self.may_receive() {
+            if self.receive_frame(port, &mut room).is_none() {
                 return;
             }
-            let Some(byte) = port.receive() else { return };
+            self.charge(port);
+        }
+    }
+
+    /// Takes bytes up to the end of a frame, and what is in it. Nothing if bytes or time are up.
+    fn receive_frame(
+        &mut self,
+        port: &mut impl LinkPort,
+        room: &mut [u8; MAX_MESSAGE_BYTES],
+    ) -> Option<()> {
+        loop {
+            if !self.may_receive() {
+                return None;
+            }
+            let byte = port.receive()?;
             // Noise is work, too.
             if self
                 .handler
@@ -252,7 +266,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
                 Some(message) => self.take(message, port),
                 None => self.leave_out(),
             }
-            self.charge(port);
+            return Some(());
         }
     }
 
@@ -335,7 +349,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             _ => {}
         }
         self.handler.streams_are_sent = self.stream.is_done();
-        let owed_us = self.budget.owed_us();
+        let before_us = self.budget.left_us();
         carry_out(
             client_session,
             &mut self.handler,
@@ -347,7 +361,7 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         );
         if sender != Sender::Anyone {
             self.charge(port);
-            self.budget.forgive(owed_us);
+            self.budget.pay_for_owner(before_us);
         }
     }
 
