@@ -1,27 +1,20 @@
 import { useEffect, useRef, useState } from "preact/hooks";
+import { Sheet } from "./sheet";
 import type { Studio } from "./studio";
-
-const LEAST = 0.15;
-const MOST = 3;
 
 /** The state diagram: the engine's own picture, with what is current lit. */
 export function Diagram({ studio }: { studio: Studio }) {
   const words = studio.words;
   const box = useRef<HTMLDivElement>(null);
   const sheet = useRef<HTMLDivElement>(null);
-  const [zoom, setZoom] = useState(0);
+  const shield = useRef<HTMLDivElement>(null);
+  const moves = useRef<Sheet>(null);
   const [search, setSearch] = useState("");
   const [found, setFound] = useState(0);
   const at = useRef(-1);
   const svg = studio.drawn?.svg ?? null;
 
-  const fit = () => {
-    const picture = sheet.current?.querySelector("svg");
-    // A part that is not shown has no width.
-    if (!picture || !box.current?.clientWidth) return;
-    const width = picture.viewBox.baseVal.width;
-    setZoom(Math.min(1.2, Math.max(LEAST, (box.current.clientWidth - 18) / width)));
-  };
+  useEffect(() => { moves.current = new Sheet(box.current!, sheet.current!, shield.current!); }, []);
 
   useEffect(() => {
     if (!sheet.current) return;
@@ -53,17 +46,9 @@ export function Diagram({ studio }: { studio: Studio }) {
   }, [svg, studio.language]);
 
   // Another file has another picture.
-  useEffect(() => setZoom(0), [studio.path]);
-  useEffect(() => {
-    if (zoom === 0) fit();
-  }, [zoom, svg, studio.tab]);
-
-  useEffect(() => {
-    const picture = sheet.current?.querySelector("svg");
-    if (!picture || zoom === 0) return;
-    picture.style.width = `${picture.viewBox.baseVal.width * zoom}px`;
-    picture.style.height = `${picture.viewBox.baseVal.height * zoom}px`;
-  }, [svg, zoom]);
+  useEffect(() => moves.current?.forget(), [studio.path]);
+  useEffect(() => moves.current?.changed(), [svg]);
+  useEffect(() => moves.current?.show(), [studio.tab]);
 
   const active = studio.run?.activeAt(studio.t_us) ?? [];
   const key = active.join(" ");
@@ -119,13 +104,9 @@ export function Diagram({ studio }: { studio: Studio }) {
     sheet.current?.querySelector("g.here")?.classList.remove("here");
     chosen.classList.add("here");
   };
-  /** The sheet is dragged with the pointer. */
-  const grip = useRef<{ x: number; y: number; left: number; top: number } | null>(null);
-  const dragged = useRef(false);
-
   const part = (event: Event) => (event.target as Element).closest<SVGGElement>("g[data-start]");
   const activate = async (event: Event) => {
-    if (event.type === "click" && dragged.current) return;
+    if (event.type === "click" && moves.current?.isDragged) return;
     const chosen = part(event);
     if (!chosen) return;
     if ((event.target as Element).classList.contains("breakpoint")) {
@@ -157,48 +138,20 @@ export function Diagram({ studio }: { studio: Studio }) {
         <label><input type="checkbox" checked={studio.showsData}
           onChange={() => { studio.showsData = !studio.showsData; void studio.draw(); }} /> {words.data}</label>
         <span class="group">
-          <button onClick={() => setZoom(Math.max(LEAST, zoom / 1.25))} aria-label={words.zoomOut} title={words.zoomOut}>−</button>
-          <button onClick={fit} title={words.fit}>{words.fit}</button>
-          <button onClick={() => setZoom(Math.min(MOST, zoom * 1.25))} aria-label={words.zoomIn} title={words.zoomIn}>+</button>
+          <button onClick={() => moves.current?.zoomBy(1 / 1.25)} aria-label={words.zoomOut} title={words.zoomOut}>−</button>
+          <button onClick={() => moves.current?.fit()} title={words.fit}>{words.fit}</button>
+          <button onClick={() => moves.current?.zoomBy(1.25)} aria-label={words.zoomIn} title={words.zoomIn}>+</button>
         </span>
       </header>
       {studio.isStale && <p class="note" role="status">{svg ? words.stays : studio.drawn?.reason ?? words.noDiagram}</p>}
       <div class={`sheet ${studio.isStale ? "stale" : ""}`} ref={box} tabIndex={0} role="region" aria-label={words.diagramLabel}
-        onPointerDown={(event) => {
-          const box = event.currentTarget;
-          dragged.current = false;
-          if (event.pointerType === "mouse" && event.button === 0) {
-            grip.current = { x: event.clientX, y: event.clientY, left: box.scrollLeft, top: box.scrollTop };
-          }
-        }}
-        onPointerMove={(event) => {
-          const held = grip.current;
-          if (!held || !(event.buttons & 1)) return;
-          const [x, y] = [event.clientX - held.x, event.clientY - held.y];
-          if (Math.hypot(x, y) > 4 && !dragged.current) {
-            dragged.current = true;
-            // Nothing below the pointer is looked for while all of it moves.
-            event.currentTarget.setPointerCapture(event.pointerId);
-            event.currentTarget.classList.add("dragged");
-          }
-          if (dragged.current) event.currentTarget.scrollTo(held.left - x, held.top - y);
-        }}
-        onPointerUp={(event) => {
-          grip.current = null;
-          event.currentTarget.classList.remove("dragged");
-        }}
         onKeyDown={(event) => {
           if (event.ctrlKey || event.metaKey || event.altKey) return;
-          if (event.key === "+") setZoom(Math.min(MOST, zoom * 1.25));
-          if (event.key === "-") setZoom(Math.max(LEAST, zoom / 1.25));
-          if (event.key === "0") fit();
-        }}
-        onWheel={(event) => {
-          if (!event.ctrlKey) return;
-          event.preventDefault();
-          setZoom(Math.min(MOST, Math.max(LEAST, zoom * (event.deltaY < 0 ? 1.1 : 1 / 1.1))));
+          if (event.key === "+") moves.current?.zoomBy(1.25);
+          if (event.key === "-") moves.current?.zoomBy(1 / 1.25);
+          if (event.key === "0") moves.current?.fit();
         }}>
-        <div ref={sheet} onClick={activate} onKeyDown={(event) => {
+        <div class="picture" ref={sheet} onClick={activate} onKeyDown={(event) => {
           if (event.key === "Enter") void activate(event);
           if (event.key === "b") {
             const chosen = part(event);
@@ -207,6 +160,7 @@ export function Diagram({ studio }: { studio: Studio }) {
             if (chosen?.classList.contains("transition")) studio.toggleBreakpoint({ kind: "transition", from: path, to });
           }
         }} />
+        <div class="shield" ref={shield} hidden />
       </div>
     </section>
   );
