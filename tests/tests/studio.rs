@@ -263,6 +263,48 @@ fn the_page_is_served_to_who_has_its_address_alone() {
 }
 
 #[test]
+fn many_connections_at_once_wait_for_nobody() {
+    let served = Served::start(&[]);
+    let (host, path) = served.parts();
+    let began = Instant::now();
+    for _ in 0..10 {
+        // Opened together, as a browser does it, and none ends before its answer says so.
+        let mut streams: Vec<TcpStream> = (0..12)
+            .map(|_| TcpStream::connect(host).expect("a connection"))
+            .collect();
+        for stream in &mut streams {
+            let limit = Some(Duration::from_secs(20));
+            stream.set_read_timeout(limit).expect("a limit");
+            write!(
+                stream,
+                "GET {path}studio.css HTTP/1.1\r\nHost: {host}\r\n\r\n"
+            )
+            .expect("a request");
+        }
+        // Whichever is answered is closed, as the answer asks for.
+        while !streams.is_empty() {
+            let mut open = Vec::new();
+            for mut stream in streams {
+                let wait = Some(Duration::from_millis(20));
+                stream.set_read_timeout(wait).expect("a limit");
+                let mut begun = [0; 4096];
+                match stream.read(&mut begun) {
+                    Ok(read) => {
+                        let head = String::from_utf8_lossy(&begun[..read]);
+                        assert!(head.starts_with("HTTP/1.1 200 OK\r\n"), "{head}");
+                        assert!(head.contains("\r\nConnection: close\r\n"), "{head}");
+                    }
+                    Err(_) => open.push(stream),
+                }
+            }
+            streams = open;
+            assert!(began.elapsed() < Duration::from_secs(20), "they wait");
+        }
+    }
+    served.end();
+}
+
+#[test]
 fn news_of_a_robot_are_a_recording_that_grows_and_stop_with_the_robot() {
     let robot = Robot::start("host", None);
     let upload = Command::new(esm_binary())

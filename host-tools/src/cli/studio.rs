@@ -64,6 +64,11 @@ pub struct StudioArgs {
     #[allow(missing_docs, reason = "carries the documentation of its arguments")]
     pub robot: RobotArgs,
 
+    /// The firmware of a robot that is connected, whose file holds the texts of its log: then the
+    /// log is shown, too
+    #[arg(long, value_name = "ELF", env = "ESM_FIRMWARE")]
+    pub firmware: Option<PathBuf>,
+
     /// Prints the address as a JSON object, for programs, and does not open the browser
     #[arg(long)]
     pub json: bool,
@@ -92,7 +97,11 @@ pub fn execute(args: &StudioArgs, console: &mut Console) -> Result<(), CommandEr
         })
         .map_err(CommandError::World)?;
     let live = match is_live {
-        true => Some(Live::connect(&args.robot, console)?),
+        true => Some(Live::connect(
+            &args.robot,
+            args.firmware.as_deref(),
+            console,
+        )?),
         false => None,
     };
     let address = listener.address();

@@ -1,11 +1,11 @@
 //! The calls of the page.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use crate::{desk, drive, looked, recorded};
+use crate::{desk, drive, live, looked, recorded};
 
 /// A request.
 #[derive(Deserialize)]
@@ -30,6 +30,9 @@ enum Call {
         path: String,
         #[serde(default)]
         depth: Option<u32>,
+        /// Superstates that show their inside otherwise than their level says.
+        #[serde(default)]
+        otherwise: BTreeSet<String>,
         #[serde(default)]
         data: bool,
     },
@@ -60,8 +63,10 @@ enum Call {
     /// A recording, whose bytes come with the request.
     Record,
     /// What has come of a robot that is connected: bytes come with the request, and the robot has
-    /// made so many macro steps of its mission.
-    Live { steps: Option<u64> },
+    /// made so many macro steps of its mission. Answers what is new.
+    News { steps: Option<u64> },
+    /// The same, for questions that come later.
+    Hear { steps: Option<u64> },
 }
 
 /// Carries a request out. The answer is `{"ok": …}` or `{"error": "…"}`. Behind the request and a
@@ -91,18 +96,45 @@ fn call(call: Call, bytes: &[u8]) -> Result<Value, String> {
             Ok(Value::Null)
         }
         Call::Serve { messages } => desk::serve(messages),
-        Call::Draw { path, depth, data } => desk::draw(&path, depth, data),
+        Call::Draw {
+            path,
+            depth,
+            otherwise,
+            data,
+        } => desk::draw(&path, depth, otherwise, data),
         Call::Build { path } => desk::build(&path),
         Call::World { text } => drive::world(&text),
         Call::Start(plan) => drive::start(plan),
         Call::GoOn { to_us } => drive::go_on(to_us),
-        Call::Choices { t_us } => looked::choices(t_us),
-        Call::Missing { t_us, from, to } => looked::missing(t_us, &from, &to),
-        Call::Term(term) => looked::term(&term),
-        Call::Curves => looked::curves(),
-        Call::Curve { name, from_us } => looked::curve(&name, from_us),
-        Call::Slots { t_us } => looked::slots(t_us),
+        Call::Choices { t_us } => {
+            live::look(Some(t_us))?;
+            looked::choices(t_us)
+        }
+        Call::Missing { t_us, from, to } => {
+            live::look(None)?;
+            looked::missing(t_us, &from, &to)
+        }
+        Call::Term(term) => {
+            live::look(None)?;
+            looked::term(&term)
+        }
+        Call::Curves => {
+            live::look(None)?;
+            looked::curves()
+        }
+        Call::Curve { name, from_us } => {
+            live::look(None)?;
+            looked::curve(&name, from_us)
+        }
+        Call::Slots { t_us } => {
+            live::look(None)?;
+            looked::slots(t_us)
+        }
         Call::Record => recorded::record(bytes),
-        Call::Live { steps } => recorded::live(bytes, steps),
+        Call::News { steps } => live::news(bytes, steps),
+        Call::Hear { steps } => {
+            live::hear(bytes, steps);
+            Ok(Value::Null)
+        }
     }
 }

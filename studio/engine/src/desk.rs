@@ -1,7 +1,7 @@
 //! What a text is worked on with: the language server, the compiler, the diagram.
 
 use std::cell::{Cell, RefCell};
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::time::Duration;
 
 use esm_core::Verified;
@@ -127,13 +127,19 @@ fn diagnostics(checked: &Checked) -> Vec<Value> {
 ///
 /// # Errors
 /// The file cannot be read.
-pub fn draw(path: &str, depth: Option<u32>, data: bool) -> Result<Value, String> {
+pub fn draw(
+    path: &str,
+    depth: Option<u32>,
+    otherwise: BTreeSet<String>,
+    data: bool,
+) -> Result<Value, String> {
     let checked = lang::load_from(path, files()).map_err(|error| error.to_string())?;
     let Some(model) = &checked.model else {
         return Ok(json!({ "svg": null }));
     };
     let options = Options {
         depth,
+        otherwise,
         data,
         parts: true,
         ..Options::default()

@@ -13,5 +13,6 @@ mod desk;
 mod door;
 mod drive;
 mod files;
+mod live;
 mod looked;
 mod recorded;

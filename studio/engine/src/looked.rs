@@ -64,11 +64,17 @@ pub fn at(recording: Recording) -> Option<String> {
     ended.err().map(|error| error.to_string())
 }
 
-/// Looks at a recording from now on in whose place another one comes soon.
-pub fn at_growing(recording: Recording) {
+/// Looks at a recording from now on in whose place another one comes soon. Where a time is named,
+/// only if it holds that; false otherwise.
+pub fn at_growing(recording: Recording, t_us: Option<u64>) -> bool {
     let (told, _) = Told::of(&recording);
+    let first_us = told.span_us.map_or(u64::MAX, |span_us| span_us.0);
+    if t_us.is_some_and(|t_us| t_us < first_us) {
+        return false;
+    }
     let (recording, told) = (Box::new(recording), Box::new(told));
     LOOKED.set(Looked::Growing { recording, told });
+    true
 }
 
 fn with<T>(look: impl FnOnce(&Recording, &Told) -> T) -> Result<T, String> {
@@ -309,7 +315,7 @@ fn active(told: &Told) -> Vec<(u64, Vec<String>)> {
 }
 
 /// The poses and ranges of the samples, as the page shows a robot: by its own odometry.
-fn shown(recording: &Recording, told: &Told) -> Vec<Value> {
+fn shown(recording: &Recording, told: &Told, moved_us: u64) -> Vec<Value> {
     let mut shown = Vec::new();
     for sample in recording.samples().flatten() {
         let Some((t_us, _)) = told.place(&sample, recording) else {
@@ -346,74 +352,92 @@ fn shown(recording: &Recording, told: &Told) -> Vec<Value> {
             (echoes.len() == SONARS).then_some(echoes)
         });
         let echoes = ranges.unwrap_or_default();
+        let t_us = t_us + moved_us;
         shown.push(json!([t_us, x_m, y_m, heading_rad, null, null, echoes]));
     }
     shown
 }
 
-/// What was told of a recording that grows: lists whose last entries may become others.
+/// What there is to see of a recording over time, in the order of time.
 #[derive(Default)]
-pub struct Known {
-    active: Vec<(u64, Vec<String>)>,
-    transitions: Vec<Value>,
-    shown: Vec<Value>,
+pub struct Lists {
+    /// The states that were current from a time on.
+    pub active: Vec<(u64, Vec<String>)>,
+    /// Transitions that were taken.
+    pub transitions: Vec<Value>,
+    /// Where the robot was.
+    pub shown: Vec<Value>,
+    /// Faults.
+    pub faults: Vec<Value>,
+    /// Runs of missions: name, start, end.
+    pub missions: Vec<(String, u64, u64)>,
+    /// First and last moment.
+    pub span_us: Option<(u64, u64)>,
 }
 
-/// How many entries of a list stay as they were.
-fn kept<T: PartialEq>(before: &[T], now: &[T]) -> usize {
-    let pairs = before.iter().zip(now);
-    pairs.take_while(|(before, now)| before == now).count()
-}
+impl Lists {
+    /// Those of a recording, all times moved by `moved_us`.
+    pub fn of(recording: &Recording, told: &Told, moved_us: u64) -> Self {
+        let transitions = told.transitions.iter().filter_map(|then| {
+            let words = told.words(then)?;
+            let sent = words.sent;
+            let t_us = then.t_us + moved_us;
+            Some(json!([t_us, words.from, words.to, words.event, sent]))
+        });
+        let faults = (told.faults.iter()).map(|fault| json!([fault.t_us + moved_us, fault.code]));
+        let missions = told.missions.iter().map(|it| {
+            let name = it.name.clone();
+            (name, it.start_us + moved_us, it.end_us + moved_us)
+        });
+        let mut active = active(told);
+        active.iter_mut().for_each(|(t_us, _)| *t_us += moved_us);
+        Lists {
+            active,
+            transitions: transitions.collect(),
+            shown: shown(recording, told, moved_us),
+            faults: faults.collect(),
+            missions: missions.collect(),
+            span_us: told.span_us.map(|(first, last)| {
+                // Of a machine under way whose next macro step is not known of, nothing was told.
+                let has_run = recording.stretches.iter().any(|it| it.made > 0);
+                (
+                    first + moved_us,
+                    if has_run { last } else { first } + moved_us,
+                )
+            }),
+        }
+    }
 
-/// What there is to see of a recording over time, and was not told before; and what is known then.
-///
-/// # Errors
-/// There is nothing to look at yet.
-pub fn all(known: &Known) -> Result<(Value, Known), String> {
-    with(|recording, told| {
-        let active = active(told);
-        let shown = shown(recording, told);
-        let missions: Vec<Value> = (told.missions.iter())
-            .map(|it| json!({ "name": it.name, "start_us": it.start_us, "end_us": it.end_us }))
-            .collect();
-        let transitions: Vec<Value> = (told.transitions.iter())
-            .filter_map(|then| {
-                let words = told.words(then)?;
-                let sent = words.sent;
-                Some(json!([then.t_us, words.from, words.to, words.event, sent]))
-            })
-            .collect();
-        let faults: Vec<Value> = (told.faults.iter())
-            .map(|fault| json!([fault.t_us, fault.code]))
-            .collect();
-        let (start_us, end_us) = told.span_us.unwrap_or((0, 0));
+    /// As the page is told of it: the first so many of states, transitions and places it knows.
+    pub fn told(&self, recording: &Recording, told: &Told, known: [usize; 3]) -> Value {
+        let (start_us, end_us) = self.span_us.unwrap_or((0, 0));
         let of_last = told.missions.last();
         let last =
             of_last.and_then(|last| recording.missions.iter().find(|it| it.name == last.name));
-        let kept = [
-            kept(&known.active, &active),
-            kept(&known.transitions, &transitions),
-            kept(&known.shown, &shown),
-        ];
-        let told = json!({
+        let missions = self.missions.iter().map(|(name, start_us, end_us)| {
+            json!({ "name": name, "start_us": start_us, "end_us": end_us })
+        });
+        json!({
             "board": recording.head.board,
             "firmware": recording.head.firmware,
             "hash": last.map(|it| esm_toolkit::mission_hash::hash_text(it.verified.hash())),
             "period_us": last.map(|it| it.directory.interpreter_period_us()),
-            "missions": missions,
+            "missions": missions.collect::<Vec<_>>(),
             "start_us": start_us,
             "end_us": end_us,
-            "kept": kept,
-            "active": active.get(kept[0]..),
-            "transitions": transitions.get(kept[1]..),
-            "shown": shown.get(kept[2]..),
-            "faults": faults,
-        });
-        let known = Known {
-            active,
-            transitions,
-            shown,
-        };
-        (told, known)
-    })
+            "kept": known,
+            "active": self.active.get(known[0]..),
+            "transitions": self.transitions.get(known[1]..),
+            "shown": self.shown.get(known[2]..),
+            "faults": self.faults,
+        })
+    }
+}
+
+/// All that there is to see of what is looked at.
+///
+/// # Errors
+/// There is nothing to look at yet.
+pub fn all() -> Result<Value, String> {
+    with(|recording, told| Lists::of(recording, told, 0).told(recording, told, [0; 3]))
 }

@@ -1,30 +1,64 @@
 import { useEffect, useRef, useState } from "preact/hooks";
+import { Sheet } from "./sheet";
 import type { Studio } from "./studio";
 
-const LEAST = 0.15;
-const MOST = 3;
+const SVG = "http://www.w3.org/2000/svg";
+/** Size of the mark that folds a superstate, with the room around it that takes a click. */
+const FOLD_PX = 9;
+const FOLD_ROOM_PX = 4;
+
+/** A mark in the corner of a superstate, which folds and opens it. */
+function foldMark(corner: SVGRectElement, isOpen: boolean, help: string): SVGGElement {
+  const [x, y, width] = ["x", "y", "width"].map((name) => Number(corner.getAttribute(name)));
+  const mark = document.createElementNS(SVG, "g");
+  mark.setAttribute("class", "fold");
+  const [left, top] = [x + width - FOLD_PX - 5, y + 5];
+  const add = (name: string, attributes: Record<string, string | number>) => {
+    const part = document.createElementNS(SVG, name);
+    for (const [key, value] of Object.entries(attributes)) part.setAttribute(key, String(value));
+    mark.append(part);
+  };
+  const room = FOLD_PX + 2 * FOLD_ROOM_PX;
+  add("rect", { class: "room", x: left - FOLD_ROOM_PX, y: top - FOLD_ROOM_PX, width: room, height: room });
+  add("rect", { x: left, y: top, width: FOLD_PX, height: FOLD_PX, rx: 2 });
+  const [middle, half] = [FOLD_PX / 2, FOLD_PX / 2 - 2];
+  const level = `M${left + middle - half} ${top + middle}h${2 * half}`;
+  add("path", { d: isOpen ? level : `${level}m${-half} ${-half}v${2 * half}` });
+  const title = document.createElementNS(SVG, "title");
+  title.textContent = help;
+  mark.append(title);
+  return mark;
+}
 
 /** The state diagram: the engine's own picture, with what is current lit. */
 export function Diagram({ studio }: { studio: Studio }) {
   const words = studio.words;
   const box = useRef<HTMLDivElement>(null);
   const sheet = useRef<HTMLDivElement>(null);
-  const [zoom, setZoom] = useState(0);
+  const shield = useRef<HTMLDivElement>(null);
+  const moves = useRef<Sheet>(null);
   const [search, setSearch] = useState("");
   const [found, setFound] = useState(0);
   const at = useRef(-1);
   const svg = studio.drawn?.svg ?? null;
 
-  const fit = () => {
-    const picture = sheet.current?.querySelector("svg");
-    // A part that is not shown has no width.
-    if (!picture || !box.current?.clientWidth) return;
-    const width = picture.viewBox.baseVal.width;
-    setZoom(Math.min(1.2, Math.max(LEAST, (box.current.clientWidth - 18) / width)));
+  useEffect(() => { moves.current = new Sheet(box.current!, sheet.current!, shield.current!); }, []);
+
+  /** The state that was folded or opened, and where it stood: there it stays. */
+  const folded = useRef<{ path: string; x: number; y: number } | null>(null);
+  const stateOf = (path: string) => sheet.current?.querySelector<SVGGElement>(`g.state[data-path="${CSS.escape(path)}"]`);
+  const fold = (chosen: SVGGElement) => {
+    const path = chosen.dataset.path ?? "";
+    const { x, y } = chosen.getBoundingClientRect();
+    folded.current = { path, x, y };
+    void studio.fold(path);
   };
 
   useEffect(() => {
     if (!sheet.current) return;
+    // Who goes through it by keyboard stays at the same part of the next picture.
+    const focused = sheet.current.contains(document.activeElement) ? (document.activeElement as SVGGElement) : null;
+    const { path: focusedPath, to: focusedTo } = focused?.dataset ?? {};
     sheet.current.innerHTML = svg ?? "";
     for (const part of sheet.current.querySelectorAll<SVGGElement>("g.transition")) {
       part.setAttribute("tabindex", "0");
@@ -40,7 +74,12 @@ export function Diagram({ studio }: { studio: Studio }) {
       part.setAttribute("aria-label", `${shown}, ${path}`);
       const first = part.querySelector("rect");
       if (!first) continue;
-      const circle = document.createElementNS("http://www.w3.org/2000/svg", "circle");
+      const isOpen = part.classList.contains("open");
+      if (isOpen || part.classList.contains("folded")) {
+        part.setAttribute("aria-expanded", String(isOpen));
+        part.append(foldMark(first, isOpen, words.fold));
+      }
+      const circle = document.createElementNS(SVG, "circle");
       circle.setAttribute("class", "breakpoint");
       circle.setAttribute("cx", String(Number(first.getAttribute("x")) + 7));
       circle.setAttribute("cy", String(Number(first.getAttribute("y")) + 7));
@@ -50,20 +89,23 @@ export function Diagram({ studio }: { studio: Studio }) {
     const picture = sheet.current.querySelector("svg");
     picture?.setAttribute("role", "group");
     picture?.setAttribute("aria-label", words.diagramLabel);
+    if (focusedPath !== undefined) {
+      const parts = [...sheet.current.querySelectorAll<SVGGElement>("g[tabindex]")];
+      const same = parts.find((part) => part.dataset.path === focusedPath && part.dataset.to === focusedTo);
+      same?.focus({ preventScroll: true });
+    }
   }, [svg, studio.language]);
 
   // Another file has another picture.
-  useEffect(() => setZoom(0), [studio.path]);
+  useEffect(() => moves.current?.forget(), [studio.path]);
   useEffect(() => {
-    if (zoom === 0) fit();
-  }, [zoom, svg, studio.tab]);
-
-  useEffect(() => {
-    const picture = sheet.current?.querySelector("svg");
-    if (!picture || zoom === 0) return;
-    picture.style.width = `${picture.viewBox.baseVal.width * zoom}px`;
-    picture.style.height = `${picture.viewBox.baseVal.height * zoom}px`;
-  }, [svg, zoom]);
+    moves.current?.changed();
+    const stood = folded.current;
+    const now = stood && stateOf(stood.path)?.getBoundingClientRect();
+    if (now) box.current?.scrollBy({ left: now.x - stood.x, top: now.y - stood.y, behavior: "instant" });
+    folded.current = null;
+  }, [svg]);
+  useEffect(() => moves.current?.show(), [studio.tab]);
 
   const active = studio.run?.activeAt(studio.t_us) ?? [];
   const key = active.join(" ");
@@ -119,15 +161,15 @@ export function Diagram({ studio }: { studio: Studio }) {
     sheet.current?.querySelector("g.here")?.classList.remove("here");
     chosen.classList.add("here");
   };
-  /** The sheet is dragged with the pointer. */
-  const grip = useRef<{ x: number; y: number; left: number; top: number } | null>(null);
-  const dragged = useRef(false);
-
   const part = (event: Event) => (event.target as Element).closest<SVGGElement>("g[data-start]");
   const activate = async (event: Event) => {
-    if (event.type === "click" && dragged.current) return;
+    if (event.type === "click" && moves.current?.isDragged) return;
     const chosen = part(event);
     if (!chosen) return;
+    if (event.type === "click" && (event.target as Element).closest(".fold")) {
+      fold(chosen);
+      return;
+    }
     if ((event.target as Element).classList.contains("breakpoint")) {
       studio.toggleBreakpoint({ kind: "state", path: chosen.dataset.path ?? "" });
       return;
@@ -149,57 +191,32 @@ export function Diagram({ studio }: { studio: Studio }) {
         {search && <span class="facts" role="status">{words.found(found)}</span>}
         <select aria-label={words.depth} title={words.depth} value={String(studio.depth)} onChange={(event) => {
           const chosen = event.currentTarget.value;
-          studio.depth = chosen === "null" ? null : Number(chosen);
-          void studio.draw();
+          studio.showDepth(chosen === "null" ? null : Number(chosen));
         }}>
           {[0, 1, 2, null].map((depth) => <option value={String(depth)} selected={depth === studio.depth}>{words.depthOf(depth)}</option>)}
         </select>
         <label><input type="checkbox" checked={studio.showsData}
           onChange={() => { studio.showsData = !studio.showsData; void studio.draw(); }} /> {words.data}</label>
         <span class="group">
-          <button onClick={() => setZoom(Math.max(LEAST, zoom / 1.25))} aria-label={words.zoomOut} title={words.zoomOut}>−</button>
-          <button onClick={fit} title={words.fit}>{words.fit}</button>
-          <button onClick={() => setZoom(Math.min(MOST, zoom * 1.25))} aria-label={words.zoomIn} title={words.zoomIn}>+</button>
+          <button onClick={() => moves.current?.zoomBy(1 / 1.25)} aria-label={words.zoomOut} title={words.zoomOut}>−</button>
+          <button onClick={() => moves.current?.fit()} title={words.fit}>{words.fit}</button>
+          <button onClick={() => moves.current?.zoomBy(1.25)} aria-label={words.zoomIn} title={words.zoomIn}>+</button>
         </span>
       </header>
       {studio.isStale && <p class="note" role="status">{svg ? words.stays : studio.drawn?.reason ?? words.noDiagram}</p>}
       <div class={`sheet ${studio.isStale ? "stale" : ""}`} ref={box} tabIndex={0} role="region" aria-label={words.diagramLabel}
-        onPointerDown={(event) => {
-          const box = event.currentTarget;
-          dragged.current = false;
-          if (event.pointerType === "mouse" && event.button === 0) {
-            grip.current = { x: event.clientX, y: event.clientY, left: box.scrollLeft, top: box.scrollTop };
-          }
-        }}
-        onPointerMove={(event) => {
-          const held = grip.current;
-          if (!held || !(event.buttons & 1)) return;
-          const [x, y] = [event.clientX - held.x, event.clientY - held.y];
-          if (Math.hypot(x, y) > 4 && !dragged.current) {
-            dragged.current = true;
-            // Nothing below the pointer is looked for while all of it moves.
-            event.currentTarget.setPointerCapture(event.pointerId);
-            event.currentTarget.classList.add("dragged");
-          }
-          if (dragged.current) event.currentTarget.scrollTo(held.left - x, held.top - y);
-        }}
-        onPointerUp={(event) => {
-          grip.current = null;
-          event.currentTarget.classList.remove("dragged");
-        }}
         onKeyDown={(event) => {
           if (event.ctrlKey || event.metaKey || event.altKey) return;
-          if (event.key === "+") setZoom(Math.min(MOST, zoom * 1.25));
-          if (event.key === "-") setZoom(Math.max(LEAST, zoom / 1.25));
-          if (event.key === "0") fit();
-        }}
-        onWheel={(event) => {
-          if (!event.ctrlKey) return;
-          event.preventDefault();
-          setZoom(Math.min(MOST, Math.max(LEAST, zoom * (event.deltaY < 0 ? 1.1 : 1 / 1.1))));
+          if (event.key === "+") moves.current?.zoomBy(1.25);
+          if (event.key === "-") moves.current?.zoomBy(1 / 1.25);
+          if (event.key === "0") moves.current?.fit();
         }}>
-        <div ref={sheet} onClick={activate} onKeyDown={(event) => {
+        <div class="picture" ref={sheet} onClick={activate} onKeyDown={(event) => {
           if (event.key === "Enter") void activate(event);
+          if (event.key === "f") {
+            const chosen = part(event);
+            if (chosen?.matches(".state.open, .state.folded")) fold(chosen);
+          }
           if (event.key === "b") {
             const chosen = part(event);
             const { path = "", to = "" } = chosen?.dataset ?? {};
@@ -207,6 +224,7 @@ export function Diagram({ studio }: { studio: Studio }) {
             if (chosen?.classList.contains("transition")) studio.toggleBreakpoint({ kind: "transition", from: path, to });
           }
         }} />
+        <div class="shield" ref={shield} hidden />
       </div>
     </section>
   );

@@ -62,6 +62,8 @@ export interface Recorded {
   transitions: Transition[];
   faults: [number, string][];
   shown: Shown[];
+  /** Of a robot that is connected: when the mission started that runs. */
+  mission_start_us?: number | null;
 }
 
 export interface Since {

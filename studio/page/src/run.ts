@@ -94,6 +94,8 @@ export class Run {
   /** How long after it happened on the robot the page knew of the last transition, in milliseconds. */
   behind_ms: number | null = null;
   private engine: Engine;
+  /** What is asked about a robot that is connected: another instance, so that no news waits for an answer. */
+  private asked: Engine;
   private isClosed = false;
   /** Curves and terms that are of what was told last; what is shown is what was known before. */
   private fresh = new Set<string>();
@@ -101,9 +103,11 @@ export class Run {
   private term_cache = new Map<string, [number, boolean][]>();
 
   private constructor(readonly kind: "simulated" | "recorded" | "live", readonly plan: Plan | null, private told: () => void) {
-    this.engine = new Engine((words) => {
+    const engine = () => new Engine((words) => {
       if (!this.isClosed && !this.error) this.fail(words);
     });
+    this.engine = engine();
+    this.asked = kind === "live" ? engine() : this.engine;
   }
 
   /** A run in a simulated world. */
@@ -196,34 +200,45 @@ export class Run {
   private async listen(): Promise<void> {
     let from = 0;
     let seen = "";
+    let lines = 0;
+    let mission_start_us: number | null = null;
     while (!this.isClosed) {
       try {
         // An answer may have waited for news: what counts is when it comes.
-        const answer = await fetch(`live?from=${from}&seen=${seen}`, { cache: "no-store" });
+        const answer = await fetch(`live?from=${from}&seen=${seen}&log=${lines}`, { cache: "no-store" });
         if (!answer.ok) throw new Error(String(answer.status));
         const body = await answer.arrayBuffer();
         const heard_ms = performance.now();
         const head_bytes = new DataView(body).getUint32(0, true);
         const head = JSON.parse(new TextDecoder().decode(new Uint8Array(body, 4, head_bytes))) as Connected & {
-          from: number; steps: number | null; seen: string;
+          from: number; steps: number | null; seen: string; log: [number | null, string][]; log_lines: number;
         };
         const bytes = new Uint8Array(body, 4 + head_bytes);
         if (head.from !== from) throw new Error("another place");
         from += bytes.length;
         seen = head.seen;
+        lines = head.log_lines;
         this.connected = head;
-        const recorded = await this.engine.call<Recorded | null>({ call: "live", steps: head.steps }, bytes);
+        const told = this.engine.call<Recorded | null>({ call: "news", steps: head.steps }, bytes);
+        // Who is asked tells of its end by itself.
+        this.asked.call({ call: "hear", steps: head.steps }, bytes).catch(() => {});
+        const recorded = await told;
         if (recorded) {
           const before = this.transitions.at(-1)?.[0];
           this.take(recorded);
           const last = this.transitions.at(-1)?.[0];
-          const start_us = this.missions.at(-1)?.start_us ?? 0;
-          if (last !== undefined && last !== before && head.mission_us !== null) {
+          const start_us = recorded.mission_start_us ?? null;
+          mission_start_us = start_us;
+          if (last !== undefined && last !== before && head.mission_us !== null && start_us !== null) {
             const now_us = start_us + head.mission_us + (performance.now() - heard_ms) * 1000;
             this.behind_ms = Math.max(0, (now_us - last) / 1000);
           }
           this.fresh.clear();
           this.isWhole = true;
+        }
+        for (const [mission_us, text] of head.log) {
+          const isTimed = mission_us !== null && mission_start_us !== null;
+          this.log.push([isTimed ? mission_start_us! + mission_us : this.done_us, text]);
         }
         this.error = head.error;
         this.told();
@@ -241,6 +256,7 @@ export class Run {
   close(): void {
     this.isClosed = true;
     this.engine.close();
+    this.asked.close();
   }
 
   /** The robot at a moment, of the odometry of a recording as it stands in a world. */
@@ -290,7 +306,7 @@ export class Run {
   private async ask<T>(request: { call: string } & Record<string, unknown>): Promise<T | null> {
     if (!this.isWhole || this.isClosed) return null;
     try {
-      return await this.engine.call<T>(request);
+      return await this.asked.call<T>(request);
     } catch (error) {
       if (error instanceof Refused) return null;
       throw error;

@@ -69,6 +69,8 @@ export class Studio {
   showsData = false;
   /** How many levels of superstates show their inside; all, for none. */
   depth: number | null = null;
+  /** Superstates that show theirs otherwise than their level says. */
+  private folds = new Set<string>();
   cursor = 0;
   run: Run | null = null;
   until_us = DEFAULT_UNTIL_US;
@@ -239,6 +241,7 @@ export class Studio {
 
   /** Shows a file, and lets the run be. */
   private async openText(path: string): Promise<void> {
+    if (path !== this.path) this.folds.clear();
     this.path = path;
     localStorage.setItem("esm.path", path);
     this.drawn = null;
@@ -376,6 +379,19 @@ export class Studio {
 
   // The diagram.
 
+  /** Shows so many levels of superstates, and none of them otherwise. */
+  showDepth(depth: number | null): void {
+    this.depth = depth;
+    this.folds.clear();
+    void this.draw();
+  }
+
+  /** Folds or opens one superstate. */
+  fold(path: string): Promise<void> {
+    if (!this.folds.delete(path)) this.folds.add(path);
+    return this.draw();
+  }
+
   async draw(): Promise<void> {
     if (this.isDrawing) {
       this.drawsAgain = true;
@@ -387,7 +403,7 @@ export class Studio {
       const path = this.path;
       try {
         await this.giveFiles();
-        const drawn = await this.desk.call<Drawn>({ call: "draw", path, depth: this.depth, data: this.showsData });
+        const drawn = await this.desk.call<Drawn>({ call: "draw", path, depth: this.depth, otherwise: [...this.folds], data: this.showsData });
         if (path === this.path) {
           this.isStale = drawn.svg === null;
           if (drawn.svg !== null || this.drawn === null) this.drawn = drawn;

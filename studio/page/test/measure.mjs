@@ -85,7 +85,7 @@ async function ofBrowser() {
       ...await opening(browser, address),
       pan_500_states_frame_p95_ms: await panning(browser, address),
       step_back_in_an_hour_p95_ms: stepBack(folder),
-      highlight_at_115200_baud_p95_ms: await highlight(browser),
+      ...await highlight(browser),
     };
   } finally {
     await browser.close();
@@ -134,6 +134,11 @@ async function panning(browser, address) {
   await page.waitForFunction(() => document.querySelectorAll(".sheet g.state").length >= 500);
   await page.locator(".diagram .sheet").focus();
   for (let press = 0; press < 6; press++) await page.keyboard.press("+");
+  // As large as it is dragged, and still.
+  await page.waitForFunction(() => {
+    const [box, picture] = [".diagram .sheet", ".diagram .sheet svg"].map((it) => document.querySelector(it));
+    return picture.clientWidth > 3 * box.clientWidth;
+  });
   const box = await page.locator(".diagram .sheet").boundingBox();
   await browser.startTracing(page, { categories: ["devtools.timeline", "disabled-by-default-devtools.timeline"] });
   await page.mouse.move(box.x + 250, box.y + 150);
@@ -211,5 +216,9 @@ async function highlight(browser) {
   line.close();
   board.child.kill("SIGINT");
   if (seen.length < 20) throw new Error(`${seen.length} transitions are too few to measure`);
-  return Math.round(at(seen, 0.95));
+  const [half, most, all] = [0.5, 0.95, 1].map((part) => Math.round(at(seen, part)));
+  return {
+    highlight_at_115200_baud_p50_ms: half, highlight_at_115200_baud_p95_ms: most, highlight_at_115200_baud_max_ms: all,
+    highlights: seen.length,
+  };
 }

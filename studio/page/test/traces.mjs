@@ -176,7 +176,8 @@ check("why a transition was not taken", () => {
 
 check("a recording, and one that grows, have what the run had", () => {
   const recording = join(out, "patrol.rec");
-  const words = ["--until", "20 s", "--record", recording, "--trace", trace];
+  // So long that what came first is settled while more comes.
+  const words = ["--until", "80 s", "--record", recording, "--trace", trace];
   command(["run", "missions/patrol.esm", "--board", "host", ...words]);
   const lines = readFileSync(trace, "utf8").trim().split("\n").map((line) => JSON.parse(line));
   const taken = lines.filter((line) => line.kind === "transition" && line.step > 0).map((line) => [line.t_us, line.from, line.to]);
@@ -195,11 +196,19 @@ check("a recording, and one that grows, have what the run had", () => {
   // In parts that end with a frame each, as the command sends them.
   const ends = [];
   for (let at = 8; at < bytes.length; at += 9 + bytes.readUInt32LE(at + 1)) ends.push(at + 9 + bytes.readUInt32LE(at + 1));
-  const growing = instance(module);
+  const [growing, asked] = [instance(module), instance(module)];
   const [active, transitions, shown] = [[], [], []];
   for (const [index, end] of ends.entries()) {
-    const part = growing({ call: "live", steps: null }, bytes.subarray(index === 0 ? 0 : ends[index - 1], end));
+    const part = growing({ call: "news", steps: null }, bytes.subarray(index === 0 ? 0 : ends[index - 1], end));
+    asked({ call: "hear", steps: null }, bytes.subarray(index === 0 ? 0 : ends[index - 1], end));
     if (!part) continue;
+    assert.equal(part.mission_start_us, 0);
+    assert.equal(part.start_us, whole.start_us);
+    assert.deepEqual(part.missions.map((it) => [it.name, it.start_us]), [["patrol", 0]]);
+    // The newest moment, and one long ago.
+    for (const t_us of part.end_us < 1e6 ? [] : [part.end_us - 20_000, Math.round(part.end_us / 3)]) {
+      assert.deepEqual(asked({ call: "choices", t_us }), call({ call: "choices", t_us }), `at ${t_us}`);
+    }
     active.splice(part.kept[0], Infinity, ...part.active);
     transitions.splice(part.kept[1], Infinity, ...part.transitions);
     shown.splice(part.kept[2], Infinity, ...part.shown);
@@ -207,6 +216,7 @@ check("a recording, and one that grows, have what the run had", () => {
   assert.deepEqual(transitions, whole.transitions);
   assert.deepEqual(shown, whole.shown);
   assert.deepEqual(active, whole.active);
+  assert.deepEqual(asked({ call: "curve", name: "position/Track.pose x" }), pose);
   assert.throws(() => instance(module)({ call: "record" }, Buffer.from("ESMREC")), /empty/);
   assert.throws(() => instance(module)({ call: "record" }, Buffer.from("nothing")), /no recording/);
 });

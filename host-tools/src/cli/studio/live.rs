@@ -4,13 +4,17 @@
 //! replays them. A timer that runs out tells nothing by itself: how far the robot's macro steps are
 //! comes from its trace, and the page's replay goes on up to there.
 
+use std::collections::VecDeque;
 use std::io::{self, Write};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
+use esm_link::features::Feature;
+use esm_link::message::Channel;
 use esm_link::trace::TraceEvent;
 use serde_json::{Value, json};
 
@@ -20,7 +24,10 @@ use crate::cli::console::Console;
 use crate::cli::exit::CommandError;
 use crate::cli::kept_values;
 use crate::cli::robot::{self, Robot, RobotArgs};
-use crate::link_client::{StreamEvent, Streams};
+use crate::host_board;
+use crate::link_client::error::without;
+use crate::link_client::log_lines::LogReader;
+use crate::link_client::{ClientError, StreamEvent, Streams};
 use crate::recording::live::{LiveError, LiveRecording, Noted};
 use crate::run::interrupt::Interrupt;
 use crate::run::mission::hash_text;
@@ -28,8 +35,12 @@ use crate::run::mission::hash_text;
 /// How long a wait for the robot's next words may last before Ctrl-C is looked for.
 const LISTEN_TIME: Duration = Duration::from_millis(50);
 
-/// From one question for a slot's counters to the next: the line has room for that beside all else.
-const COUNTERS_TIME: Duration = Duration::from_millis(300);
+/// From one question to the robot to the next, for a slot's counters and for its time in turn: the
+/// line has room for that beside all else, and news wait for one answer at most.
+const COUNTERS_TIME: Duration = Duration::from_millis(150);
+
+/// Answers that say how old a mission is, at most: of a few seconds, for a clock may go wrong.
+const MOST_ANSWERS: usize = 8;
 
 /// From one word to the page to the next, where no transition was taken.
 const QUIET_TIME: Duration = Duration::from_millis(100);
@@ -40,6 +51,9 @@ const MOST_BYTES: usize = 48 << 20;
 
 /// Notes that are kept.
 const MOST_NOTES: usize = 50;
+
+/// Lines of the robot's log that are kept for a page that asks late.
+const MOST_LINES: usize = 2_000;
 
 /// What is told of the robot.
 #[derive(Default)]
@@ -52,6 +66,10 @@ struct Told {
     steps: Option<u64>,
     board: String,
     notes: Vec<String>,
+    /// Lines of the robot's log, each with the mission time at which it was heard, as well as that
+    /// is known; and how many came before them.
+    log: VecDeque<(Option<u64>, String)>,
+    log_before: u64,
     slots: Vec<Value>,
     /// When the mission that runs began, by the clock of this computer, as well as it is known.
     began: Option<Instant>,
@@ -83,8 +101,14 @@ impl Answers for Shared {
             }
             let from = number("from").and_then(|from| usize::try_from(from).ok());
             let from = from.unwrap_or(0).min(told.bytes.len());
+            let first = number("log").unwrap_or(0).saturating_sub(told.log_before);
+            let first = usize::try_from(first)
+                .unwrap_or(usize::MAX)
+                .min(told.log.len());
             let head = json!({
                 "from": from,
+                "log": told.log.range(first..).collect::<Vec<_>>(),
+                "log_lines": told.log_before + told.log.len() as u64,
                 "seen": told.version.to_string(),
                 "steps": told.steps,
                 "board": told.board,
@@ -100,6 +124,17 @@ impl Answers for Shared {
             answer.extend(told.bytes.get(from..).unwrap_or_default());
             Some(answer)
         })
+    }
+}
+
+impl Told {
+    fn say(&mut self, line: String) {
+        let at_us = self.began.map(|began| began.elapsed().as_micros() as u64);
+        self.log.push_back((at_us, line));
+        if self.log.len() > MOST_LINES {
+            self.log.pop_front();
+            self.log_before += 1;
+        }
     }
 }
 
@@ -129,7 +164,9 @@ impl Write for Out {
 #[derive(Default)]
 struct Steps {
     made: Option<u64>,
-    /// Whether a transition was taken since the page was told something.
+    /// Whether a transition was taken in the macro step whose end is next.
+    is_moving: bool,
+    /// Whether one was taken since the page was told something.
     is_moved: bool,
 }
 
@@ -149,9 +186,13 @@ impl Steps {
                     self.made = self.made.and_then(|made| made.checked_add(1));
                 }
                 TraceEvent::Started { .. } => self.made = None,
-                TraceEvent::Transition { .. } => self.is_moved = true,
-                _ => {}
+                TraceEvent::Transition { .. } => {
+                    self.is_moving = true;
+                    continue;
+                }
+                _ => continue,
             }
+            self.is_moved |= std::mem::take(&mut self.is_moving);
         }
     }
 }
@@ -162,6 +203,7 @@ pub struct Live {
     recording: LiveRecording<Out>,
     out: Out,
     told: Shared,
+    log: Option<LogReader>,
 }
 
 impl Live {
@@ -169,10 +211,16 @@ impl Live {
     ///
     /// # Errors
     /// What is wrong with the port, or with the robot behind it.
-    pub fn connect(args: &RobotArgs, console: &mut Console) -> Result<Self, CommandError> {
+    pub fn connect(
+        args: &RobotArgs,
+        firmware: Option<&Path>,
+        console: &mut Console,
+    ) -> Result<Self, CommandError> {
         let (mut robot, info) = args.connect(console)?;
+        let (log, no_log) = log_of(&mut robot, &info.board, firmware)?;
         let streams = Streams {
             trace: true,
+            log: log.is_some(),
             ..Streams::NONE
         };
         let out = Out::default();
@@ -184,12 +232,16 @@ impl Live {
         })?;
         recording.keep_values(kept_values::PERIOD);
         let told = Shared::default();
-        told.change(|told| told.board.clone_from(&info.board));
+        told.change(|told| {
+            told.board.clone_from(&info.board);
+            told.notes.extend(no_log);
+        });
         Ok(Live {
             robot,
             recording,
             out,
             told,
+            log,
         })
     }
 
@@ -208,6 +260,7 @@ impl Live {
             mut recording,
             out,
             told,
+            mut log,
         } = self;
         // There is no end but that, as for `esm record`.
         robot.limit_waits(None);
@@ -222,7 +275,7 @@ impl Live {
             let followed = (|| {
                 let mut turn = Turn::default();
                 while !is_requested() && !served.is_finished() {
-                    turn.make(&mut robot, &mut recording, (&out, &told))?;
+                    turn.make(&mut robot, &mut recording, log.as_mut(), (&out, &told))?;
                     listener.wake();
                 }
                 Ok(())
@@ -264,12 +317,43 @@ struct Turn {
     /// Whether what is told of slots is of the mission before.
     is_new: bool,
     asked: Option<Instant>,
+    /// Whether the robot was asked for its time last, and not for a slot's counters.
+    asks_time: bool,
     /// Counters of a slot that the page is told of next.
     waiting: Option<(usize, Value)>,
+    /// Whether lines of the log came that the page was not told of.
+    has_lines: bool,
     /// When the page was told something last.
     told: Option<Instant>,
-    /// The mission whose time was asked for, and the shortest time in which that was answered.
-    timed: Option<(u32, Duration)>,
+    /// When the trace told of a transition, if that was just now.
+    moved: Option<Instant>,
+    /// How far the recording was.
+    recorded: Option<u64>,
+    timed: Option<Timed>,
+}
+
+/// When a mission began, by the clock of this computer: what the last answers say.
+struct Timed {
+    mission: u32,
+    /// How long each answer took, and when the mission began by it.
+    answers: VecDeque<(Duration, Instant)>,
+}
+
+impl Timed {
+    fn hear(&mut self, took: Duration, began: Instant) {
+        self.answers.push_back((took, began));
+        if self.answers.len() > MOST_ANSWERS {
+            self.answers.pop_front();
+        }
+    }
+
+    /// An answer names the start of a macro step, which may be a period ago: so the earliest
+    /// beginning is the best, of those answers that came as quickly as any.
+    fn began(&self) -> Option<Instant> {
+        let shortest = self.answers.iter().map(|(took, _)| *took).min()?;
+        let quick = (self.answers.iter()).filter(|(took, _)| *took <= shortest * 3 / 2);
+        quick.map(|(_, began)| *began).min()
+    }
 }
 
 impl Turn {
@@ -277,10 +361,12 @@ impl Turn {
         &mut self,
         robot: &mut Robot,
         recording: &mut LiveRecording<Out>,
+        mut log: Option<&mut LogReader>,
         (out, told): (&Out, &Shared),
     ) -> Result<(), LiveError> {
         robot.attend(LISTEN_TIME)?;
         let mut notes = Vec::new();
+        let mut lines = Vec::new();
         for event in robot.take_events() {
             if let StreamEvent::Trace(records) = &event {
                 self.steps.take(records);
@@ -288,7 +374,15 @@ impl Turn {
             if let StreamEvent::Gap { .. } = &event {
                 self.steps.made = None;
             }
+            if let Some(log) = log.as_deref_mut() {
+                lines.extend(heard(log, &event));
+            }
             notes.extend(recording.take(robot, &event)?);
+        }
+        if !lines.is_empty() {
+            // They go along with what is told next.
+            told.change(|told| lines.into_iter().for_each(|line| told.say(line)));
+            self.has_lines = true;
         }
         recording.look_after(robot)?;
         notes.extend(recording.look_after_values(robot)?);
@@ -302,26 +396,43 @@ impl Turn {
             let next = recording.next_step();
             next.is_some_and(|next| *made >= next)
         });
-        let (counted, began) = match self.is_to_ask(robot) {
-            false => (None, None),
-            true => (
-                self.count_slots(robot, recording)?,
-                self.time_mission(robot)?,
-            ),
-        };
+        let (mut counted, mut began) = (None, None);
+        if self.is_to_ask(robot) {
+            self.asks_time = !self.asks_time;
+            match self.asks_time {
+                true => began = self.time_mission(robot)?,
+                false => counted = self.count_slots(robot, recording)?,
+            }
+        }
         let clock = robot.clock();
-        let is_quiet = !self.steps.is_moved && notes.is_empty();
+        if std::mem::take(&mut self.steps.is_moved) {
+            self.moved = Some(clock.now());
+        } else if self
+            .moved
+            .is_some_and(|moved| clock.since(moved) >= QUIET_TIME)
+        {
+            self.moved = None;
+        }
+        let recorded = recording.next_step();
+        let has_records = std::mem::replace(&mut self.recorded, recorded) != recorded;
+        // What the trace tells of may come a moment later in the recording, which says why.
+        let is_moved = match self.moved {
+            Some(moved) => has_records || self.told.is_none_or(|told| told < moved),
+            None => false,
+        };
+        let is_quiet = !is_moved && notes.is_empty();
         if is_quiet && (self.told).is_some_and(|told| clock.since(told) < QUIET_TIME) {
             self.waiting = counted.or(self.waiting.take());
             told.change(|told| told.began = began.or(told.began));
             return Ok(());
         }
         self.told = Some(clock.now());
-        self.steps.is_moved = false;
         let counted = counted.or(self.waiting.take());
         let bytes = out.take();
         told.change(|told| {
-            if bytes.is_empty() && notes.is_empty() && counted.is_none() && told.steps == steps {
+            let has_lines = std::mem::take(&mut self.has_lines);
+            let is_same = bytes.is_empty() && notes.is_empty() && counted.is_none();
+            if is_same && told.steps == steps && !has_lines {
                 return;
             }
             told.version += 1;
@@ -363,7 +474,7 @@ impl Turn {
     }
 
     /// Asks the robot how old its mission is. Answers when it began by the clock of this computer,
-    /// where that is known better than before: the quicker the answer, the better.
+    /// where that is known better than before.
     fn time_mission(&mut self, robot: &mut Robot) -> Result<Option<Instant>, LiveError> {
         let clock = robot.clock().clone();
         let asked = clock.now();
@@ -372,17 +483,22 @@ impl Turn {
         let Some(mission) = status.mission else {
             return Ok(None);
         };
-        if let Some((known, shortest)) = &mut self.timed
-            && *known == mission
-            && *shortest < took
-        {
-            // What was found out before is worth less from time to time: clocks drift.
-            *shortest = *shortest * 5 / 4;
+        let Some(began) = (asked + took / 2).checked_sub(Duration::from_micros(status.t_us)) else {
             return Ok(None);
+        };
+        if self
+            .timed
+            .as_ref()
+            .is_none_or(|timed| timed.mission != mission)
+        {
+            let answers = VecDeque::new();
+            self.timed = Some(Timed { mission, answers });
         }
-        self.timed = Some((mission, took));
-        let age = Duration::from_micros(status.t_us);
-        Ok((asked + took / 2).checked_sub(age))
+        let timed = self.timed.as_mut();
+        Ok(timed.and_then(|timed| {
+            timed.hear(took, began);
+            timed.began()
+        }))
     }
 
     /// Asks for the counters of one slot.
@@ -430,6 +546,55 @@ impl Turn {
     }
 }
 
+/// What reads the log of a robot on that board; or why it is not shown.
+///
+/// # Errors
+/// The file that was named is no firmware with a log, or the robot is lost.
+fn log_of(
+    robot: &mut Robot,
+    board: &str,
+    firmware: Option<&Path>,
+) -> Result<(Option<LogReader>, Option<String>), CommandError> {
+    let not_shown = |why: &str| (None, Some(format!("the robot's log is not shown: {why}")));
+    match robot.require(Feature::Log) {
+        Err(ClientError::NotBuiltIn { feature }) => return Ok(not_shown(without(feature))),
+        required => required?,
+    }
+    if board == host_board::BOARD {
+        return Ok((Some(LogReader::text()), None));
+    }
+    let Some(path) = firmware else {
+        return Ok(not_shown("name the firmware that it runs with --firmware"));
+    };
+    let reader = LogReader::firmware(path).map_err(|error| CommandError::World(error.into()))?;
+    Ok((Some(reader), None))
+}
+
+/// What an event of the streams says in the log.
+fn heard(log: &mut LogReader, event: &StreamEvent) -> Vec<String> {
+    match event {
+        StreamEvent::Log(bytes) => {
+            let mut lines: Vec<String> = (log.lines(bytes).iter())
+                .map(|line| line.words().to_string())
+                .collect();
+            match log.take_unreadable() {
+                0 => {}
+                unreadable => lines.push(format!("{unreadable} lines of the log cannot be read")),
+            }
+            lines
+        }
+        StreamEvent::Gap {
+            channel: Channel::Log,
+            missing,
+        } => {
+            log.gap();
+            vec![format!("{missing} pieces of the log lost")]
+        }
+        StreamEvent::LinesLost(lines) => vec![format!("{lines} lines of the log lost")],
+        _ => Vec::new(),
+    }
+}
+
 fn words_of(noted: &Noted) -> String {
     match noted {
         Noted::Gap(missing) => format!("{missing} records or parts did not come"),
@@ -453,7 +618,66 @@ fn failed(error: LiveError) -> CommandError {
 
 #[cfg(test)]
 mod tests {
+    use esm_link::trace::RecordSink;
+
     use super::*;
+
+    #[test]
+    fn a_mission_began_when_the_earliest_quick_answer_says() {
+        let ms = Duration::from_millis;
+        let start = Instant::now() + ms(1000);
+        let mut timed = Timed {
+            mission: 7,
+            answers: VecDeque::new(),
+        };
+        assert_eq!(timed.began(), None);
+        let mut hear = |took, late| {
+            timed.hear(ms(took), start + ms(late));
+            timed.began().unwrap()
+        };
+        assert_eq!(hear(20, 115), start + ms(115));
+        assert_eq!(hear(18, 95), start + ms(95));
+        assert_eq!(hear(22, 110), start + ms(95));
+        // What took long says nothing.
+        assert_eq!(hear(200, 10), start + ms(95));
+        // After a while the last ones count: it is a second later by the robot's clock.
+        for _ in 0..MOST_ANSWERS - 1 {
+            hear(20, 1100);
+        }
+        assert_eq!(hear(20, 1107), start + ms(1100));
+    }
+
+    #[test]
+    fn a_transition_is_told_of_once_its_macro_step_has_ended() {
+        #[derive(Default)]
+        struct Bytes(Vec<u8>);
+        impl RecordSink for Bytes {
+            fn put(&mut self, byte: u8) {
+                self.0.push(byte);
+            }
+        }
+        let written = |event: TraceEvent<'_>| {
+            let mut bytes = Bytes::default();
+            event.write(&mut bytes);
+            bytes.0
+        };
+        let transition = written(TraceEvent::Transition {
+            micro: 0,
+            region_instance: 1,
+            transition: 2,
+        });
+        let same = written(TraceEvent::Same { micro_steps: 1 });
+        let mut steps = Steps {
+            made: Some(4),
+            ..Steps::default()
+        };
+        steps.take(&same);
+        assert_eq!((steps.made, steps.is_moved), (Some(5), false));
+        steps.take(&transition);
+        assert_eq!((steps.made, steps.is_moved), (Some(5), false));
+        steps.take(&same);
+        assert_eq!((steps.made, steps.is_moved), (Some(6), true));
+    }
 
     fn head(answer: &[u8]) -> (Value, &[u8]) {
         let (length, rest) = answer.split_first_chunk().unwrap();

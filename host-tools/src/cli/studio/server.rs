@@ -1,11 +1,11 @@
 //! The server of the page: on the loopback alone, for who has the token, and for the page itself.
 
-use std::io;
+use std::io::{self, Write};
 use std::net::Ipv4Addr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use tiny_http::{Header, Method, Request, Response, Server, StatusCode};
+use tiny_http::{Method, Request, Server, StatusCode};
 
 use super::site::Site;
 
@@ -233,15 +233,29 @@ impl Listener {
     }
 }
 
+/// Answers a request, and has the client end the connection. One that stayed open would keep a
+/// thread of the server's, and a page that opens several at once would wait for it: for minutes,
+/// as long as browsers keep connections.
 fn send(request: Request, status: u16, kind: &str, bytes: &[u8]) -> io::Result<()> {
-    let mut response = Response::from_data(bytes).with_status_code(StatusCode(status));
-    for (name, value) in HEADERS.into_iter().chain([("Content-Type", kind)]) {
-        // All of these are headers.
-        if let Ok(header) = Header::from_bytes(name, value) {
-            response.add_header(header);
-        }
+    let has_body = *request.method() != Method::Head;
+    let reason = StatusCode(status).default_reason_phrase();
+    let mut head = format!("HTTP/1.1 {status} {reason}\r\n");
+    let length = bytes.len().to_string();
+    let own = [
+        ("Content-Type", kind),
+        ("Content-Length", length.as_str()),
+        ("Connection", "close"),
+    ];
+    for (name, value) in HEADERS.into_iter().chain(own) {
+        head += &format!("{name}: {value}\r\n");
     }
-    request.respond(response)
+    head += "\r\n";
+    let mut out = request.into_writer();
+    out.write_all(head.as_bytes())?;
+    if has_body {
+        out.write_all(bytes)?;
+    }
+    out.flush()
 }
 
 fn refusal(answer: Answer<'_>) -> (u16, &'static str, &'static [u8]) {

@@ -12,7 +12,7 @@ use super::face::{
 use super::grid::{self, Area, LANE, Spot};
 use super::label::{self, Line};
 use super::layered::{self, Edge, Node, Placement, Spacing, TooTangled};
-use super::options::Options;
+use super::options::{Options, Shown};
 use super::pack;
 use super::wires::{self, Board, Heading, NoWay, Terminal, Wiring};
 use crate::model::{
@@ -115,7 +115,7 @@ pub struct Net {
 }
 
 /// What a container's looks depend on.
-type Request = (usize, u32, Spot);
+type Request = (usize, Shown, Spot);
 
 /// Lays containers out, each once.
 pub struct Workshop<'a> {
@@ -137,30 +137,29 @@ impl<'a> Workshop<'a> {
         }
     }
 
-    /// The container laid out with `levels` levels of superstates in it, at least as large as
-    /// `least`. The caller has made sure that superstates are nested no deeper than
-    /// [`super::MAX_LEVELS`].
+    /// The container laid out with what is shown of the superstates in it, at least as large as
+    /// `least`. The caller has made sure that no more than [`super::MAX_LEVELS`] levels are.
     ///
     /// # Errors
     /// If a region is too tangled to be drawn.
-    pub fn body(
+    pub(super) fn body(
         &mut self,
         container: usize,
-        levels: u32,
+        shown: Shown,
         least: Spot,
     ) -> Result<Rc<Body>, TooTangled> {
-        let request = (container, levels, least);
+        let request = (container, shown, least);
         if let Some(body) = self.done.get(&request) {
             return Ok(Rc::clone(body));
         }
-        let body = Rc::new(self.make(request)?);
+        let body = Rc::new(self.make(&request)?);
         self.done.insert(request, Rc::clone(&body));
         Ok(body)
     }
 
-    fn make(&mut self, (index, levels, least): Request) -> Result<Body, TooTangled> {
-        let model = self.model;
-        let container = &model.containers[index];
+    fn make(&mut self, (index, shown, least): &Request) -> Result<Body, TooTangled> {
+        let (model, least) = (self.model, *least);
+        let container = &model.containers[*index];
         let nets = if self.options.data {
             nets_of(container)
         } else {
@@ -169,7 +168,7 @@ impl<'a> Workshop<'a> {
         let ends: usize = nets.iter().map(Vec::len).sum();
         if ends <= wires::MAX_ENDS {
             for widening in 0..=WIDENINGS {
-                let mut body = self.arrange(container, &nets, levels, least, Some(widening))?;
+                let mut body = self.arrange(container, &nets, shown, least, Some(widening))?;
                 match wire(&mut body, &nets, &mut self.steps) {
                     Ok(()) => return Ok(body),
                     Err(NoWay::Narrow) => {}
@@ -177,7 +176,7 @@ impl<'a> Workshop<'a> {
                 }
             }
         }
-        self.arrange(container, &nets, levels, least, None)
+        self.arrange(container, &nets, shown, least, None)
     }
 
     /// The container without wires. `widening` says how much more room there is between states;
@@ -186,7 +185,7 @@ impl<'a> Workshop<'a> {
         &mut self,
         container: &'a Container,
         nets: &[Vec<PathEnd>],
-        levels: u32,
+        shown: &Shown,
         least: Spot,
         widening: Option<i32>,
     ) -> Result<Body, TooTangled> {
@@ -211,7 +210,7 @@ impl<'a> Workshop<'a> {
         };
         let mut parts = Vec::with_capacity(container.regions.len());
         for (region_index, region) in container.regions.iter().enumerate() {
-            parts.push(self.region(container, region_index, region, levels, room, &numbers)?);
+            parts.push(self.region(container, region_index, region, shown, room, &numbers)?);
         }
         // Nets run between regions.
         let margin = REGION_MARGIN + (nets.len() as i32 / 2).min(NETS_MARGIN) + room;
@@ -299,7 +298,7 @@ impl<'a> Workshop<'a> {
         container: &'a Container,
         region_index: usize,
         region: &'a Region,
-        levels: u32,
+        shown: &Shown,
         room: i32,
         numbers: &HashMap<PathEnd, usize>,
     ) -> Result<(RegionPart, Spot), TooTangled> {
@@ -360,7 +359,10 @@ impl<'a> Workshop<'a> {
             };
             let state = &region.states[state];
             let inside = match state.kind {
-                StateKind::Super { container } if levels > 0 => Some(container),
+                StateKind::Super { container } => {
+                    let inner = shown.inside(&region.name, &state.name);
+                    inner.map(|inner| (container, inner))
+                }
                 _ => None,
             };
             let mut face = Face::of_state(
@@ -372,7 +374,7 @@ impl<'a> Workshop<'a> {
             );
             face.add_loops(&loops);
             let body = match inside {
-                Some(inner) => Some(self.body(inner, levels - 1, face.size)?),
+                Some((inner, shown)) => Some(self.body(inner, shown, face.size)?),
                 None => None,
             };
             if let Some(body) = &body {

@@ -1,7 +1,7 @@
 //! What every diagram promises, as statements about its layout, and tests that hold many diagrams
 //! to it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::drawing::Drawing;
 use super::face::Kind;
@@ -810,6 +810,57 @@ fn wide_and_deep_machines_are_told_to_be_so() {
         )
         .is_ok()
     );
+}
+
+#[test]
+fn superstates_are_folded_and_opened_by_themselves() {
+    let model = mission("patrol.esm");
+    let all = Options::default();
+    let whole = lay_out(&model, &all).unwrap();
+    let open = |drawing: &Drawing| -> BTreeSet<String> {
+        let boxes = drawing
+            .boxes
+            .iter()
+            .filter(|it| it.kind == Kind::Super && it.is_open);
+        boxes.map(|it| it.path.clone()).collect()
+    };
+    let paths = open(&whole);
+    assert!(paths.len() > 2, "{paths:?}");
+    for path in &paths {
+        let one = Options {
+            otherwise: BTreeSet::from([path.clone()]),
+            ..all.clone()
+        };
+        let drawing = lay_out(&model, &one).unwrap();
+        assert_eq!(violations(&drawing), Vec::<String>::new(), "{path}");
+        let below = format!("{path}/");
+        let expected = paths
+            .iter()
+            .filter(|it| *it != path && !it.starts_with(&below));
+        assert_eq!(open(&drawing), expected.cloned().collect(), "{path}");
+        let folded = drawing.boxes.iter().find(|it| it.path == *path).unwrap();
+        assert!(!folded.is_open);
+    }
+    // Opened one by one, they make the same picture as all at once.
+    let opened = Options {
+        depth: Some(0),
+        otherwise: paths,
+        ..all.clone()
+    };
+    let [opened, whole] = [&opened, &all].map(|options| draw(&model, options).unwrap().to_svg());
+    assert!(opened == whole);
+    // What is not there changes nothing, and what is too deep is refused.
+    let nothing = Options {
+        otherwise: BTreeSet::from(["no/Such".to_owned()]),
+        ..all.clone()
+    };
+    assert!(draw(&model, &nothing).unwrap().to_svg() == whole);
+    let deep = Options {
+        otherwise: BTreeSet::from(["r/S/".repeat(70)]),
+        ..all
+    };
+    let error = draw(&model, &deep).unwrap_err().to_string();
+    assert!(error.contains("70 levels"), "{error}");
 }
 
 /// Slots, and a machine of one region with these lines.

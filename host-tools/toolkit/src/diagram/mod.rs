@@ -47,6 +47,7 @@ use body::Workshop;
 use drawing::Drawing;
 use label::Line;
 pub use options::Options;
+use options::Shown;
 
 /// States that a diagram shows, at most: a container that is used twice counts twice.
 pub const MAX_STATES: u64 = 2_000;
@@ -124,10 +125,25 @@ pub fn lay_out(model: &Model, options: &Options) -> Result<Drawing, DrawError> {
     let extent = Extent::of(model);
     let levels = roots.iter().map(|root| extent.levels[*root]).max();
     let levels = levels.unwrap_or(0).min(options.depth.unwrap_or(u32::MAX));
-    if levels > MAX_LEVELS {
+    // A path has a region and a state for each level.
+    let named = options
+        .otherwise
+        .iter()
+        .map(|path| path.split('/').count() / 2);
+    let levels_of_named = named
+        .max()
+        .map_or(0, |levels| u32::try_from(levels).unwrap_or(u32::MAX));
+    if levels.max(levels_of_named) > MAX_LEVELS {
+        let levels = levels.max(levels_of_named);
         return Err(DrawError::TooDeep { levels });
     }
-    let (states, transitions) = count(model, &roots, levels);
+    let shown = Shown::new(levels, &options.otherwise);
+    let (mut states, mut transitions) = (0_u64, 0_u64);
+    for root in &roots {
+        let of_root = count_shown(model, *root, &shown);
+        states = states.saturating_add(of_root.0);
+        transitions = transitions.saturating_add(of_root.1);
+    }
     if states > MAX_STATES || transitions > MAX_TRANSITIONS {
         return Err(DrawError::TooLarge {
             states,
@@ -144,7 +160,7 @@ pub fn lay_out(model: &Model, options: &Options) -> Result<Drawing, DrawError> {
         }
         let least = [widest + 2 * face::MARGIN, 0];
         let body = workshop
-            .body(root, levels, least)
+            .body(root, shown.clone(), least)
             .map_err(|layered::TooTangled| DrawError::TooTangled)?;
         placed.push((name, body));
     }
@@ -240,6 +256,35 @@ fn uses(model: &Model, container: usize) -> impl Iterator<Item = usize> {
             StateKind::Super { container } => Some(container),
             _ => None,
         })
+}
+
+/// States and transitions that are shown of a container.
+fn count_shown(model: &Model, container: usize, shown: &Shown) -> (u64, u64) {
+    if shown.is_plain() {
+        return count(model, &[container], shown.levels());
+    }
+    let regions = &model.containers[container].regions;
+    let states = regions
+        .iter()
+        .map(|region| region.states.len() as u64)
+        .sum();
+    let transitions = (regions.iter())
+        .map(|region| region.transitions.len() as u64)
+        .sum();
+    let mut counted: (u64, u64) = (states, transitions);
+    for region in regions {
+        for state in &region.states {
+            let StateKind::Super { container } = state.kind else {
+                continue;
+            };
+            if let Some(inner) = shown.inside(&region.name, &state.name) {
+                let inside = count_shown(model, container, &inner);
+                counted.0 = counted.0.saturating_add(inside.0);
+                counted.1 = counted.1.saturating_add(inside.1);
+            }
+        }
+    }
+    counted
 }
 
 /// States and transitions that are shown, as far as they can be counted.

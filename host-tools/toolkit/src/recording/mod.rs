@@ -29,6 +29,7 @@ mod condense;
     reason = "it is for tests alone"
 )]
 pub mod planted;
+mod rest;
 mod retold;
 mod stretch;
 mod surroundings;

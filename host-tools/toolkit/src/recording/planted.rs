@@ -72,6 +72,12 @@ impl Planted {
         self
     }
 
+    /// One that goes on behind these bytes.
+    #[cfg(test)]
+    pub(super) fn behind(bytes: Vec<u8>) -> Self {
+        Planted(bytes)
+    }
+
     /// Something is missing.
     pub fn gap(self) -> Self {
         self.with(&Frame::Gap(1))

@@ -90,6 +90,13 @@ impl Told {
         Some((t_us, *run))
     }
 
+    /// When the mission started that ran last, and by how much times are moved there.
+    pub fn last_start(&self, recording: &Recording) -> Option<(u64, u64)> {
+        let (_, moved_us) = *self.stretches.last()?;
+        let stretch = recording.stretches.get(self.stretches.len() - 1)?;
+        Some((stretch.start_us.saturating_add(moved_us), moved_us))
+    }
+
     fn run(&mut self, recording: &Recording) -> Result<(), ReplayError> {
         let mut last: Option<LastStep> = None;
         let mut before: Option<&Stretch> = None;

@@ -72,6 +72,7 @@ export const de: Words = {
   data: "Datenpfade",
   depth: "Inneres der Superzustände",
   depthOf: (depth) => (depth === null ? "alle Ebenen" : depth === 0 ? "gefaltet" : depth === 1 ? "1 Ebene" : `${depth} Ebenen`),
+  fold: "Falten oder öffnen (f)",
   found: (n) => (n === 1 ? "1 Zustand" : `${n} Zustände`),
   search: "Zustand suchen",
   breakHere: (what) => `Angehalten: ${what}.`,

@@ -70,6 +70,7 @@ export const en = {
   data: "Data paths",
   depth: "Inside of superstates",
   depthOf: (depth: number | null): string => (depth === null ? "all levels" : depth === 0 ? "folded" : depth === 1 ? "1 level" : `${depth} levels`),
+  fold: "Fold or open (f)",
   found: (n: number): string => (n === 1 ? "1 state" : `${n} states`),
   search: "Find a state",
   breakHere: (what: string) => `Paused: ${what}.`,
