@@ -184,7 +184,7 @@ impl FrameLists<'_> {
         &mut self,
         dispatcher: u8,
         at: &Activation,
-        device: Option<&mut (dyn LinkDevice + '_)>,
+        mut device: Option<&mut (dyn LinkDevice + '_)>,
         executor: &mut Executor<'_>,
         flags: &mut impl Flags,
     ) {
@@ -192,6 +192,11 @@ impl FrameLists<'_> {
         let Some(link) = self.links.get_mut(Self::device_of(dispatcher)) else {
             return;
         };
+        if at.is_fresh
+            && let Some(device) = &mut device
+        {
+            device.set_rate(link.times.0);
+        }
         if dispatcher.is_multiple_of(2) {
             let sent = slice(self.frames, link.sent);
             transmit(sent, origin_us, at, device, executor, flags);
