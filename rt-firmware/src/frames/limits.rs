@@ -1,5 +1,12 @@
 //! How much of links a firmware serves.
 
+/// The most links of a mission that a board's firmware with links serves: a microcontroller's memory
+/// is small.
+pub const BOARD_LINKS: usize = 1;
+
+/// The most frames of a mission there.
+pub const BOARD_FRAMES: usize = 24;
+
 /// What a firmware has memory for.
 struct Room {
     links: usize,
@@ -15,8 +22,8 @@ const ROOM: Room = if cfg!(feature = "many-frames") {
     }
 } else if cfg!(feature = "links") {
     Room {
-        links: 1,
-        frames: 24,
+        links: BOARD_LINKS,
+        frames: BOARD_FRAMES,
         values: 12,
     }
 } else {

@@ -22,6 +22,7 @@ use crate::host_board::HostBoard;
 use crate::interrupt::Interrupt;
 use crate::link_client::log_lines::{LogLine, LogReader, LogTableError};
 use crate::link_client::{ClientError, KeyLoader, LinkClient, StreamEvent, Streams};
+use crate::lockstep::in_system::BoardSide;
 use crate::lockstep::line::STANDSTILL_LIMIT;
 use crate::lockstep::pace::{Hold, Pace};
 use crate::lockstep::plant_side::{PlantFault, PlantSide, SonarBreak, StuckWheel};
@@ -113,6 +114,8 @@ pub struct Plan {
     pub key: Option<KeyLoader>,
     /// Robot time from which on the robot hears nothing more of this program, in microseconds.
     pub cut_link_us: Option<u64>,
+    /// Who has body and links, where it is a board of a system.
+    pub system: Option<Arc<BoardSide>>,
 }
 
 impl Planned {
@@ -152,6 +155,7 @@ impl Plan {
             flash: None,
             key: None,
             cut_link_us: None,
+            system: None,
         }
     }
 
@@ -377,7 +381,9 @@ impl<W: Write> Driver<W> {
         let plant = Plant::new(plan.world, plan.body, plan.seed)?;
         let keeps_flash = plan.flash.is_some();
         let flash = plan.flash.unwrap_or_else(|| plan.board.flash_of_a_run());
-        let plant = PlantSide::new(plant, Arc::clone(&pace), plan.until_us).with_flash(Some(flash));
+        let plant = PlantSide::new(plant, Arc::clone(&pace), plan.until_us)
+            .with_flash(Some(flash))
+            .in_system(plan.system);
         if let Some(fault) = plan.plant_fault {
             plant.inject(fault);
         }
