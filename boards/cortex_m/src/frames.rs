@@ -60,7 +60,8 @@ pub trait FrameUart: Chip {
     /// Takes the timer's interrupt back, and stops it.
     fn acknowledge_timer();
 
-    /// Lets the timer's interrupt come at once. From any context below it.
+    /// Lets the timer's interrupt come at once, which takes over what is to be sent. From any context
+    /// below it.
     fn call();
 }
 
@@ -343,9 +344,11 @@ impl<C: FrameUart> LinkDevice for FrameDevice<C> {
         };
         buffer.length = length as u8;
         (buffer.start_us, buffer.at_ticks) = (start_us, self.ticks(start_us));
-        let is_ready = self.ready.enqueue(buffer).is_ok();
+        self.ready.enqueue(buffer).is_ok()
+    }
+
+    fn start_sending(&mut self) {
         C::call();
-        is_ready
     }
 
     fn receive(&mut self, until_us: u64, frames: &dyn InFrames, take: Taken<'_>) {

@@ -26,7 +26,12 @@ static IN_REPLIES: AtomicI32 = AtomicI32::new(CLOSED);
 /// Opens the pipes, which waits until the plant has opened its ends. Answers whether frames go this
 /// way.
 pub fn open() -> bool {
-    let sent = plant::open_pair(&OUT_REQUESTS, OUT_REQUEST_PIPE, &OUT_REPLIES, OUT_REPLY_PIPE);
+    let sent = plant::open_pair(
+        &OUT_REQUESTS,
+        OUT_REQUEST_PIPE,
+        &OUT_REPLIES,
+        OUT_REPLY_PIPE,
+    );
     let received = plant::open_pair(&IN_REQUESTS, IN_REQUEST_PIPE, &IN_REPLIES, IN_REPLY_PIPE);
     sent.is_some() && received.is_some()
 }

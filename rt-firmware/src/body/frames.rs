@@ -111,6 +111,9 @@ mod tests {
             assert!(!message.is_none() && message.carried().is_none());
         }
         assert!(CarriedFrame::from_bytes([0; MESSAGE_BYTES]).is_none());
-        assert_eq!(CarriedFrame::from_bytes([255; MESSAGE_BYTES]).carried(), None);
+        assert_eq!(
+            CarriedFrame::from_bytes([255; MESSAGE_BYTES]).carried(),
+            None
+        );
     }
 }

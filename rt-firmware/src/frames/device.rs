@@ -23,6 +23,9 @@ pub trait LinkDevice {
         write: &mut dyn FnMut(&mut [u8]),
     ) -> bool;
 
+    /// All frames of an activation were handed over: what has to be done once for them is done here.
+    fn start_sending(&mut self) {}
+
     /// Gives `take` all that had arrived whole at `until_us`, in order, with the time of its last
     /// bit. Nothing is given twice.
     fn receive(&mut self, until_us: u64, frames: &dyn InFrames, take: Taken<'_>);

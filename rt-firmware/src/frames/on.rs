@@ -247,7 +247,7 @@ fn transmit(
     let end_us = at.robot_us + u64::from(at.duration_us);
     let until_us = end_us + u64::from(at.period_us.max(1));
     for frame in sent {
-        let (Some(record), Some(configuration)) = (frame.record, frame.configuration) else {
+        let (Some(record), Some(configuration)) = (&frame.record, frame.configuration) else {
             continue;
         };
         let mut state = frame.state.get();
@@ -300,6 +300,9 @@ fn transmit(
             state.number = state.number.wrapping_add(1);
         }
         frame.state.set(state);
+    }
+    if let Some(device) = device {
+        device.start_sending();
     }
 }
 

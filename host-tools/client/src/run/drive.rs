@@ -808,9 +808,14 @@ impl<W: Write> Driver<W> {
     fn check_features(&mut self) -> Result<(), RunError> {
         let records = self.recording.is_some();
         let goes_warm = self.missions.iter().any(|planned| planned.warm);
+        let has_links = self
+            .missions
+            .iter()
+            .any(|planned| planned.mission.has_links);
         for (feature, is_needed) in [
             (Feature::Record, records),
             (Feature::Warm, goes_warm),
+            (Feature::Links, has_links),
             (Feature::Store, self.keeps_flash),
         ] {
             if is_needed {

