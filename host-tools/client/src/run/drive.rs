@@ -486,7 +486,8 @@ impl<W: Write> Driver<W> {
             self.call()?;
             self.tell()?;
             self.tell_of_no_end(watch);
-            if self.story.has_ended() || self.story.fault().is_some() || self.is_over_in_silence() {
+            let is_told = self.story.has_ended() || self.story.fault().is_some();
+            if (is_told || self.is_over_in_silence()) && !self.is_needed() {
                 return Ok(false);
             }
             if let Some(next) = self.missions.get(self.uploads.len())
@@ -507,6 +508,12 @@ impl<W: Write> Driver<W> {
                 stood += looked.elapsed().min(LISTEN_TIME);
             }
         }
+    }
+
+    /// Whether other boards of a system need what this one does up to the end.
+    fn is_needed(&self) -> bool {
+        let is_before = |until_us| self.pace.robot_us() <= until_us;
+        self.plant.system().is_some() && self.until_us.is_some_and(is_before)
     }
 
     /// Says it once where the last mission has finished and the run has no end of its own.

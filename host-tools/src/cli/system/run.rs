@@ -285,7 +285,7 @@ fn emulated(
     let board = boards::find(board).map_err(|it| CommandError::Input(it.into()))?;
     let Some(links) = board.links else {
         return Err(CommandError::Input(anyhow!(
-            "`{name}` is a {}, which has no firmware with links: the boards of a system are {}",
+            "`{name}` is a {}, which has no firmware with links: write `board host`, or another of {}",
             board.name,
             boards::linked()
         )));
