@@ -60,8 +60,8 @@ pub trait FrameUart: Chip {
     /// Takes the timer's interrupt back, and stops it.
     fn acknowledge_timer();
 
-    /// Lets the timer's interrupt come at once, which takes over what is to be sent. From any context
-    /// below it.
+    /// Lets the timer's interrupt come at once, which takes over what is to be sent. From any
+    /// context below it.
     fn call();
 }
 

@@ -1,5 +1,5 @@
-//! The link of missions: UART1, 8 bits, no parity, at the rate that the mission declares, and GPTM 2
-//! (32 bits, one shot), whose interrupt starts frames.
+//! The link of missions: UART1, 8 bits, no parity, at the rate that the mission declares, and GPTM
+//! 2 (32 bits, one shot), whose interrupt starts frames.
 //!
 //! [The board's common part](cortex_m_board::frames) has the frames. The UART goes without its
 //! FIFOs: so each byte has its interrupt, and a frame's end is known when it comes.

@@ -95,8 +95,8 @@ impl core::fmt::Display for ReceiveError {
 
 impl core::error::Error for ReceiveError {}
 
-/// Takes COBS off what was between two delimiters, where it lies, checks it, and finds its frame: for
-/// a device whose buffer has a frame already.
+/// Takes COBS off what was between two delimiters, where it lies, checks it, and finds its frame:
+/// for a device whose buffer has a frame already.
 ///
 /// # Errors
 /// [`ReceiveError`], but for [`ReceiveError::TooLong`], which is for who cuts.

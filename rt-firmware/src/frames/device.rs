@@ -23,7 +23,8 @@ pub trait LinkDevice {
         write: &mut dyn FnMut(&mut [u8]),
     ) -> bool;
 
-    /// All frames of an activation were handed over: what has to be done once for them is done here.
+    /// All frames of an activation were handed over: what has to be done once for them is done
+    /// here.
     fn start_sending(&mut self) {}
 
     /// Gives `take` all that had arrived whole at `until_us`, in order, with the time of its last

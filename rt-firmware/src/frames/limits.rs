@@ -1,7 +1,7 @@
 //! How much of links a firmware serves.
 
-/// The most links of a mission that a board's firmware with links serves: a microcontroller's memory
-/// is small.
+/// The most links of a mission that a board's firmware with links serves: a microcontroller's
+/// memory is small.
 pub const BOARD_LINKS: usize = 1;
 
 /// The most frames of a mission there.

@@ -1,6 +1,6 @@
 //! The named pipes between the emulated board and the plant, two for its pins, two for its flash,
-//! two for its link where the plant carries that, and four for its frames where it is one of several
-//! boards, and the threads that serve them.
+//! two for its link where the plant carries that, and four for its frames where it is one of
+//! several boards, and the threads that serve them.
 //!
 //! The firmware opens them by semihosting and blocks in them, which stops its virtual time: board
 //! and plant run in lock step. The threads never wait for the link client, nor the client for them,

@@ -31,10 +31,10 @@ use crate::system_run::{self, Plan, SystemError};
 
 /// Runs all processors of a robot at once, around one simulated body
 ///
-/// Each processor is a host board or one in the emulator, with a clock of its own. Whose slot comes first by plant time
-/// goes first, so that two runs are equal to the byte. The trace of all has the lines of each
-/// processor's own trace in the order of plant time, with `processor` and `plant_us` before the
-/// rest.
+/// Each processor is a host board or one in the emulator, with a clock of its own. Whose slot comes
+/// first by plant time goes first, so that two runs are equal to the byte. The trace of all has the
+/// lines of each processor's own trace in the order of plant time, with `processor` and `plant_us`
+/// before the rest.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
