@@ -100,7 +100,8 @@ mod tests {
             let mut message = CarriedFrame::from_bytes(*message.as_bytes());
             assert_eq!((message.at_us(), message.late_ns()), (u64::MAX - 7, 3_200));
             assert!(!message.is_none());
-            assert_eq!(message.carried(), Some(&mut bytes.clone()[..count]));
+            let mut expected = bytes;
+            assert_eq!(message.carried(), Some(&mut expected[..count]));
         }
     }
 
