@@ -12,6 +12,10 @@ use rt_firmware::body::{Reply, Request};
 
 /// What a board asks.
 #[derive(Clone, Copy, Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "one is there at a time, and a box would be made for each frame"
+)]
 pub enum Asked {
     /// It exchanges its pins: a slot begins.
     Pins(Request),
