@@ -3,10 +3,8 @@
 
 mod emulated;
 
-use std::path::PathBuf;
 use std::thread;
 
-use esm_toolkit::boards;
 use esm_toolkit::host_board::{HostMemory, about};
 use esm_toolkit::host_run::{Ended, Given, RunError};
 use esm_toolkit::plant::Plant;
@@ -20,6 +18,7 @@ use thiserror::Error;
 
 use crate::host_board::RobotMaker;
 use crate::run::drive;
+pub use emulated::Emulated;
 use emulated::EmulatedProcessor;
 
 /// The memory of a processor's runtime lies on the stack, that of the next one above it.
@@ -51,17 +50,6 @@ pub struct Processor {
     pub pins: Vec<Pins>,
     /// Where it is emulated; none for one that is a part of this process.
     pub emulated: Option<Emulated>,
-}
-
-/// An emulated board and what it runs.
-#[derive(Clone)]
-pub struct Emulated {
-    /// The board.
-    pub board: &'static boards::Board,
-    /// The ELF file, of a firmware with links.
-    pub firmware: PathBuf,
-    /// The file of the mission, for messages.
-    pub mission: PathBuf,
 }
 
 /// A run that is over.

@@ -6,9 +6,11 @@
 //! any other processor comes to that time.
 
 use std::io;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
+use esm_toolkit::boards;
 use esm_toolkit::host_run::{Behind, Ended, Given, RunError as StepError};
 use esm_toolkit::medium::PS_IN_US;
 use esm_toolkit::medium::clock::Clock;
@@ -21,13 +23,23 @@ use esm_toolkit::world::World;
 use rt_firmware::body::frames::CarriedFrame;
 use rt_firmware::body::{Reply, Request};
 
-use super::Emulated;
 use crate::interrupt::Interrupt;
 use crate::lockstep::in_system::{self, Asked, SystemSide};
 use crate::qemu::EmulatorError;
 use crate::run::board::{Board, LinkWay};
 use crate::run::drive::{self, Heard, Plan, Planned, RunError};
 use crate::run::mission::Mission;
+
+/// An emulated board and what it runs.
+#[derive(Clone)]
+pub struct Emulated {
+    /// The board.
+    pub board: &'static boards::Board,
+    /// The ELF file, of a firmware with links.
+    pub firmware: PathBuf,
+    /// The file of the mission, for messages.
+    pub mission: PathBuf,
+}
 
 /// What a thread has heard of its board, and nobody has taken yet.
 type Words = Arc<Mutex<Given>>;
