@@ -27,11 +27,13 @@ pub enum Feature {
     Telemetry = 8,
     /// There are behaviours.
     Behaviours = 9,
+    /// Missions can have links.
+    Links = 10,
 }
 
 impl Feature {
     /// All of them, by their bits.
-    pub const ALL: [Feature; 10] = [
+    pub const ALL: [Feature; 11] = [
         Feature::Record,
         Feature::Log,
         Feature::StatusEvent,
@@ -42,6 +44,7 @@ impl Feature {
         Feature::BlackBox,
         Feature::Telemetry,
         Feature::Behaviours,
+        Feature::Links,
     ];
 
     /// What a board's crate calls it.
@@ -57,6 +60,7 @@ impl Feature {
             Feature::BlackBox => "black-box",
             Feature::Telemetry => "telemetry",
             Feature::Behaviours => "behaviours",
+            Feature::Links => "links",
         }
     }
 

@@ -111,7 +111,11 @@ fn board(files: &BoardFiles, settings: &Settings) -> String {
     // Values are written as in Rust.
     let _ = write!(
         item,
-        " }}, firmware: Some(Firmware {{ target: {}, bin: {}, runner: {}, flash: Flash {{ origin: {}, bytes: {}, erase_bytes: {} }}, stack_bytes: {} }}), flashing: ",
+        " }}, links: {}, firmware: Some(Firmware {{ target: {}, bin: {}, runner: {}, flash: Flash {{ origin: {}, bytes: {}, erase_bytes: {} }}, stack_bytes: {} }}), flashing: ",
+        match settings.get(&key("links", "feature")) {
+            Some(feature) => format!("Some({feature})"),
+            None => "None".to_owned(),
+        },
         value("", "target"),
         value("", "firmware"),
         value("runner", "command"),

@@ -127,6 +127,16 @@ pub fn firmware_with_behaviours() -> PathBuf {
     root().join("target/firmware/lm3s6965/rover-behaviours.elf")
 }
 
+/// The default firmware built with links, never older than its source.
+///
+/// # Panics
+/// As [`firmware`].
+pub fn firmware_with_links() -> PathBuf {
+    static BUILT: OnceLock<()> = OnceLock::new();
+    BUILT.get_or_init(|| make(&["xtask", "firmware", "--with", "links"]));
+    root().join("target/firmware/lm3s6965/rover-links.elf")
+}
+
 /// Runs cargo at the top of the checkout.
 fn make(arguments: &[&str]) {
     let mut cargo = Command::new("cargo");

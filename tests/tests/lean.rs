@@ -63,6 +63,7 @@ fn what_the_lean_firmware_was_built_without_it_refuses_and_drives_on() {
         "black-box",
         "telemetry",
         "behaviours",
+        "links",
     ];
     assert_eq!(
         status["built_without"],

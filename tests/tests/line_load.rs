@@ -653,7 +653,8 @@ fn watched_robot() -> (Emulator, Crowded, Arc<Mutex<Motors>>) {
     let elf = firmware("rover");
     let board = boards::find(boards::DEFAULT).unwrap();
     let emulator =
-        Emulator::start_linked(board, &elf, Idle::Passes, answer, flash, Some(near)).unwrap();
+        Emulator::start_linked(board, &elf, Idle::Passes, answer, flash, (Some(near), None))
+            .unwrap();
     let line = Crowded {
         line: Arc::new(Mutex::new(Box::new(line))),
         flood: Arc::new(Mutex::new((Flood::Nothing, 0))),

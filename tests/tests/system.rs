@@ -1,11 +1,16 @@
 //! Robots with several processors: what `esm system` says of them, and what they do.
+//!
+//! `ESM_SYSTEM_S` says how many seconds boards in the emulator are compared with those on the host,
+//! and `ESM_DRIFT_S` and `ESM_DRIFT_HOST_S` for how long frames are sent by clocks that drift, in
+//! the emulator and on the host. `cargo xtask campaign systems drift` does it at full length.
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use std::fs;
 use std::path::PathBuf;
 
-use esm_tests::command::{Done, esm, root};
+use esm_tests::command::{Done, esm, firmware_with_links, root};
+use esm_tests::environment;
 use serde_json::Value;
 
 /// The rover in two that ships.
@@ -321,5 +326,98 @@ fn the_emergency_stop_is_heard_by_all() {
         // Nobody steps any more after 2 s, at 20 ms a step.
         let steps = processor["macro_steps"].as_u64().unwrap();
         assert!((100..=102).contains(&steps), "{figures}");
+    }
+}
+
+#[test]
+fn a_board_in_the_emulator_leaves_the_trace_of_one_on_the_host_and_the_same_in_each_run() {
+    firmware_with_links();
+    let folder = Folder::new();
+    let seconds = environment::number("ESM_SYSTEM_S", 8);
+    let until = format!("{seconds} s");
+    let nothing = ("", "");
+    let on = |base: &str, head: &str| {
+        let processors = "processor base mission \"base.esm\" pins motors, encoders, analog;\n\
+            processor head mission \"head.esm\" pins sonars drift 80 ppm start 3 ms;";
+        let boards = format!(
+            "processor base mission \"base.esm\" {base} pins motors, encoders, analog drift -60 ppm;\n\
+            processor head mission \"head.esm\" {head} pins sonars drift 80 ppm start 3 ms;"
+        );
+        let system = folder.rover((processors, &boards), nothing);
+        let text = fs::read_to_string(&system).unwrap();
+        let noisy = "link base.head to head.base delay 300 us noise 1e-5 loss 1 % cut 2 s to 3 s";
+        fs::write(&system, text.replace("link base.head to head.base", noisy)).unwrap();
+        folder.run(&system, &until)
+    };
+    let board = "board lm3s6965";
+    let (host, on_host) = on("", "");
+    let halted = transitions(&host, "base", "motion/Roam", "motion/Halted");
+    assert!(!halted.is_empty(), "the cable is cut");
+    for (base, head) in [("", board), (board, ""), (board, board)] {
+        let (trace, figures) = on(base, head);
+        let differs = host.iter().zip(&trace).find(|(one, other)| one != other);
+        assert!(trace == host, "{base} {head}: {differs:?}");
+        assert_eq!(figures["distance_m"], on_host["distance_m"]);
+        assert!(frames_were_in_time(&figures) > 45 * seconds, "{figures}");
+    }
+    let repeated = [on(board, board), on(board, board)];
+    assert!(repeated[0].0 == repeated[1].0 && repeated[0].1 == repeated[1].1);
+}
+
+/// How many frames all lines have carried; each began within 50 us of its start.
+fn frames_were_in_time(figures: &Value) -> u64 {
+    const LATEST_US: f64 = 50.0;
+    let lines = figures["lines"].as_array().unwrap();
+    assert_eq!(lines.len(), 2);
+    for line in lines {
+        assert!(line["latest_us"].as_f64().unwrap() <= LATEST_US, "{line}");
+    }
+    lines.iter().map(|it| it["frames"].as_u64().unwrap()).sum()
+}
+
+/// A processor that sends two frames, of two periods, and hears two.
+fn talker(name: &str, sent: [u16; 2], heard: [u16; 2]) -> String {
+    let ([quick, slow], [back, more]) = (sent, heard);
+    format!(
+        "interpreter slot 1; slot 1 period 1 s duration 5 ms;\n\
+        slot 2 period 20 ms duration 2 ms; slot 3 period 100 ms duration 5 ms;\n\
+        link other rate 115200 bps header 6 bytes;\n\
+        frame quick {quick} out on other flags a payload 16 bytes period 20 ms;\n\
+        frame slow {slow} out on other flags b payload 16 bytes period 50 ms;\n\
+        frame back {back} in on other flags c payload 16 bytes period 20 ms;\n\
+        frame more {more} in on other flags d payload 16 bytes period 50 ms;\n\
+        machine {name} {{\n\
+        region talking {{ task Tell: other.transmit slot 3; initial -> Tell; }}\n\
+        region hearing {{ task Hear: other.receive slot 2; state Lost timeout 1 s;\n\
+        initial -> Hear; Lost -> Hear on pulse [timeout];\n\
+        Hear -> Lost on pulse [.back_delayed or .more_delayed or .errors]; }} }}"
+    )
+}
+
+#[test]
+fn frames_start_in_time_by_clocks_that_drift_and_none_is_lost() {
+    firmware_with_links();
+    let folder = Folder::new();
+    folder.write("near.esm", &talker("Near", [1, 2], [3, 4]));
+    folder.write("far.esm", &talker("Far", [3, 4], [1, 2]));
+    for (board, variable, usual_s) in [
+        ("", "ESM_DRIFT_HOST_S", 300),
+        ("board lm3s6965", "ESM_DRIFT_S", 20),
+    ] {
+        let seconds = environment::number(variable, usual_s);
+        let text = format!(
+            "world \"office\"; link near.other to far.other;\n\
+            processor near mission \"near.esm\" {board} drift 100 ppm;\n\
+            processor far mission \"far.esm\" {board} drift -100 ppm start 7 ms;"
+        );
+        let system = folder.write("drift.system", &text);
+        let (trace, figures) = folder.run(&system, &format!("{seconds} s"));
+        // 70 a second each way.
+        let frames = frames_were_in_time(&figures);
+        assert!(frames >= 139 * (seconds - 1), "{board} {figures}");
+        for processor in ["near", "far"] {
+            let lost = transitions(&trace, processor, "hearing/Hear", "hearing/Lost");
+            assert_eq!(lost, [0_u64; 0], "{board} {processor}");
+        }
     }
 }

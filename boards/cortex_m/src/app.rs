@@ -17,7 +17,9 @@
 /// }
 /// ```
 ///
-/// `plant_line` and `watchdog` may be left out. `link` is an interrupt that no part uses: it is
+/// `plant_line` and `watchdog` may be left out, and so may `frames: Line(TIMER_2A, UART1)`, a type
+/// of the board's module `frames` with the interrupts that start a link's frames and move their
+/// bytes. `link` is an interrupt that no part uses: it is
 /// pended by software. The board's crate has these names:
 ///
 /// | name | what it is |
@@ -93,6 +95,7 @@ macro_rules! app {
             wire: $wire:ident,
             $(plant_line: $plant_line:ident,)?
             $(watchdog: $watchdog:ident,)?
+            $(frames: $frame_line:ident($frame_start:ident, $frame_wire:ident),)?
             link: $link:ident $(,)?
         );
         firmware: $firmware:expr,
@@ -128,6 +131,11 @@ macro_rules! app {
                 // Both handlers have one priority.
                 #[lock_free]
                 line: line::Line,
+                $(
+                    // Both handlers have one priority.
+                    #[lock_free]
+                    frame_line: $b::frames::$frame_line,
+                )?
             }
 
             // The large ones by reference: RTIC moves these on the stack.
@@ -152,7 +160,8 @@ macro_rules! app {
                 keep: StoreMemory = StoreMemory::new(),
             ])]
             fn init(cx: init::Context) -> (Shared, Local) {
-                let start = $b::start();
+                #[allow(unused_mut)]
+                let mut start = $b::start();
                 let make_board: fn($b::slots::SlotBoard) -> $board = $make_board;
                 let parts = start.parts;
                 let robot = $b::cortex_m_board::put(cx.local.robot, || {
@@ -182,7 +191,10 @@ macro_rules! app {
                 slot_timer::start();
                 watchdog::start();
                 (
-                    Shared { line },
+                    Shared {
+                        line,
+                        $(frame_line: $b::frames::$frame_line::start(&mut start.board),)?
+                    },
                     Local { real_time, board: make_board(start.board), background, link, link_end },
                 )
             }
@@ -226,6 +238,18 @@ macro_rules! app {
             fn link(cx: link::Context) {
                 cx.local.link_end.serve(cx.local.link);
             }
+
+            $(
+                #[task(binds = $frame_start, priority = 8, shared = [frame_line])]
+                fn frame_start(cx: frame_start::Context) {
+                    cx.shared.frame_line.start_due();
+                }
+
+                #[task(binds = $frame_wire, priority = 8, shared = [frame_line])]
+                fn frame_wire(cx: frame_wire::Context) {
+                    cx.shared.frame_line.serve();
+                }
+            )?
 
             $(
                 #[task(binds = $watchdog, priority = 8)]

@@ -7,6 +7,7 @@
 //! | [`bridge`], [`captured_echo`], [`pings`] | what drivers of motors and sonars have in common |
 //! | [`chip`], [`chip_board`] | what a chip brings; the board as slots see it, where its body is its own |
 //! | [`crash`] | RAM that a reset leaves alone, and how a firmware ends |
+//! | `frames` | frames of missions' links over a UART, where the firmware has them |
 //! | [`mod@line`] | queues between the interrupt of a serial line and the link |
 //! | [`log`] | rings of log frames, which never delay a slot |
 //! | [`sides`] | the sides of a runtime, in their places |
@@ -33,6 +34,8 @@ pub mod console;
 pub mod crash;
 #[cfg(feature = "plant")]
 pub mod emulated_line;
+#[cfg(feature = "links")]
+pub mod frames;
 #[cfg(feature = "plant")]
 pub mod last_exchange;
 pub mod line;
@@ -50,6 +53,11 @@ pub mod plant;
 pub mod plant_board;
 #[cfg(all(feature = "plant", feature = "store"))]
 pub mod plant_flash;
+#[cfg(all(feature = "plant", feature = "links"))]
+pub mod plant_frames;
+#[cfg(all(not(feature = "plant"), feature = "links"))]
+#[path = "no_plant_frames.rs"]
+pub mod plant_frames;
 #[cfg(feature = "plant-line")]
 pub mod plant_line;
 #[cfg(all(feature = "plant", not(feature = "plant-line")))]

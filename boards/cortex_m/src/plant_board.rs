@@ -5,9 +5,14 @@ use core::marker::PhantomData;
 
 use esm_link::message::SafeReason;
 use rt_firmware::body::{Freshness, PinImage, PlantExchange};
+#[cfg(feature = "links")]
+use rt_firmware::frames::LinkDevice;
 use rt_firmware::{ActivationStart, Board};
 
-use crate::chip::Chip;
+#[cfg(not(feature = "links"))]
+use crate::chip::Chip as BoardChip;
+#[cfg(feature = "links")]
+use crate::frames::{FrameDevice, FrameUart as BoardChip};
 use crate::{last_exchange, plant, sys_tick};
 
 /// The pins. Drivers are built on their [`parts`](PinImage::parts) by the robot; the slot timer's
@@ -20,6 +25,8 @@ pub struct PlantBoard<C> {
     /// Plant time when this run of the firmware began its first mission: where the last run left
     /// it.
     plant_epoch_us: u64,
+    #[cfg(feature = "links")]
+    frames: Option<FrameDevice<C>>,
     chip: PhantomData<C>,
 }
 
@@ -29,12 +36,20 @@ impl<C> PlantBoard<C> {
         Self {
             exchange: PlantExchange::new(),
             plant_epoch_us,
+            #[cfg(feature = "links")]
+            frames: None,
             chip: PhantomData,
         }
     }
+
+    /// Gives it the device of a mission's link.
+    #[cfg(feature = "links")]
+    pub fn connect(&mut self, frames: FrameDevice<C>) {
+        self.frames = Some(frames);
+    }
 }
 
-impl<C: Chip> Board for PlantBoard<C> {
+impl<C: BoardChip> Board for PlantBoard<C> {
     const TICKS_PER_US: u32 = C::TICKS_PER_US;
     const COUNT_BITS: u32 = sys_tick::BITS;
 
@@ -55,6 +70,10 @@ impl<C: Chip> Board for PlantBoard<C> {
     // Not inlined: no task should run on top of the exchange's messages.
     #[inline(never)]
     fn begin_activation(&mut self, activation: &ActivationStart) -> Result<(), SafeReason> {
+        #[cfg(feature = "links")]
+        if let Some(frames) = &mut self.frames {
+            frames.note(activation.start_us, activation.start_ticks);
+        }
         let request = self.exchange.request(
             &PINS,
             self.plant_epoch_us + activation.start_us,
@@ -70,6 +89,12 @@ impl<C: Chip> Board for PlantBoard<C> {
 
     fn feed_watchdog(&mut self) {
         C::feed_watchdog();
+    }
+
+    #[cfg(feature = "links")]
+    fn link(&mut self, index: usize) -> Option<&mut dyn LinkDevice> {
+        let device = self.frames.as_mut().filter(|_| index == 0)?;
+        Some(device)
     }
 
     fn motors_off(&mut self) {

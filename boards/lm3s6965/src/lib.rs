@@ -20,6 +20,7 @@
 //! | priority | interrupt | does |
 //! |---|---|---|
 //! | 8 | watchdog | crash report of a firmware whose slots have stopped |
+//! | 8 | timer 2, UART 1 | with the feature `links`: starts and bytes of frames (`frames`) |
 //! | 7 | timer 0 | the real-time side: slots, interpreter, real-time tasks, exchange with the plant |
 //! | 3 | UART 0 | bytes between the wire and the queues; listens for stops |
 //! | 3 | timer 1 | the same, where the plant carries the link ([`cortex_m_board::plant_line`]) |
@@ -38,6 +39,8 @@ pub mod clock;
 pub mod flash;
 #[cfg(not(feature = "store"))]
 pub use cortex_m_board::no_flash as flash;
+#[cfg(feature = "links")]
+pub mod frames;
 pub mod line;
 pub mod post_mortem;
 pub mod registers;

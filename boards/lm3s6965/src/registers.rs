@@ -86,6 +86,25 @@ pub mod timer1 {
     pub const TAILR: Register = Register(0x4003_1028);
 }
 
+/// General-purpose timer 2.
+#[cfg(feature = "links")]
+pub mod timer2 {
+    use super::Register;
+
+    /// Width of the timer.
+    pub const CFG: Register = Register(0x4003_2000);
+    /// Mode of half A, which is the whole timer if it is 32 bits wide.
+    pub const TAMR: Register = Register(0x4003_2004);
+    /// Control: enable bits.
+    pub const CTL: Register = Register(0x4003_200C);
+    /// Interrupt mask.
+    pub const IMR: Register = Register(0x4003_2018);
+    /// Interrupt clear.
+    pub const ICR: Register = Register(0x4003_2024);
+    /// Load value, in ticks of the system clock.
+    pub const TAILR: Register = Register(0x4003_2028);
+}
+
 /// The first UART (ARM PrimeCell PL011).
 pub mod uart0 {
     use super::Register;
@@ -106,6 +125,40 @@ pub mod uart0 {
     pub const IM: Register = Register(0x4000_C038);
     /// Interrupt clear.
     pub const ICR: Register = Register(0x4000_C044);
+}
+
+/// The second UART.
+#[cfg(feature = "links")]
+pub mod uart1 {
+    use super::Register;
+
+    /// Data.
+    pub const DR: Register = Register(0x4000_D000);
+    /// Flags.
+    pub const FR: Register = Register(0x4000_D018);
+    /// Integer part of the baud-rate divisor.
+    pub const IBRD: Register = Register(0x4000_D024);
+    /// Fractional part of the baud-rate divisor, in 64ths.
+    pub const FBRD: Register = Register(0x4000_D028);
+    /// Line control; a write makes the divisor take effect.
+    pub const LCRH: Register = Register(0x4000_D02C);
+    /// Control.
+    pub const CTL: Register = Register(0x4000_D030);
+    /// Interrupt mask.
+    pub const IM: Register = Register(0x4000_D038);
+    /// Interrupt clear.
+    pub const ICR: Register = Register(0x4000_D044);
+}
+
+/// GPIO port D, whose pins 2 and 3 are UART1's.
+#[cfg(feature = "links")]
+pub mod gpio_d {
+    use super::Register;
+
+    /// Alternate function select.
+    pub const AFSEL: Register = Register(0x4000_7420);
+    /// Digital enable.
+    pub const DEN: Register = Register(0x4000_751C);
 }
 
 /// GPIO port A, whose pins 0 and 1 are UART0's.

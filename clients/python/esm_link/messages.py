@@ -65,7 +65,7 @@ ACCESS = ("unsupported", "open", "locked", "unreadable", "recovering", "damaged"
 # Where a robot remembers its owner's key.
 OWNED = ("locked", "recovering")
 # Each by its bit.
-FEATURE_NAMES = ("record", "log", "news", "params", "warm", "keys", "store", "black-box", "telemetry", "behaviours")
+FEATURE_NAMES = ("record", "log", "news", "params", "warm", "keys", "store", "black-box", "telemetry", "behaviours", "links")
 LIFE_STATES = ("INITIAL", "EXECUTE", "SUSPEND", "RESUME", "DESTROY")
 ORIGINS = ("mission", "request", "script", "REMOTE_CONTROL", "IDLE")
 SCRIPT_STATES = ("none", "runs", "suspended", "done", "ended")

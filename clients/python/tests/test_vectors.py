@@ -168,7 +168,7 @@ class Messages(unittest.TestCase):
         self.assertEqual((box.records[1].t_us, box.records[1].large), (70_001 << 24, 300 << 16 | 2))
         features = self.read("answer features").body
         self.assertEqual((features.has("record"), features.has("keys"), features.flash_ms), (True, True, 300))
-        self.assertEqual(features.left_out(), ["log", "news", "params", "warm", "store", "black-box", "telemetry", "behaviours"])
+        self.assertEqual(features.left_out(), ["log", "news", "params", "warm", "store", "black-box", "telemetry", "behaviours", "links"])
         self.assertEqual(self.read("answer behaviour").body, messages.Behaviour(300))
         listed = self.read("answer behaviour list").body
         self.assertEqual((listed.script, listed.steps, listed.ended, listed.state), (0xFEEDBEEF, 8, 2, "suspended"))

@@ -9,7 +9,7 @@ use crate::frame::{CRC_BYTES, DELIMITER};
 /// Greatest number of frames that one end of a link receives.
 pub const MAX_FRAMES: usize = esm_core::frames::MAX_FRAMES;
 /// Greatest number of bytes of a frame without its delimiter, which is not kept.
-const MAX_STUFFED_BYTES: usize = MAX_WIRE_BYTES - 1;
+pub const MAX_STUFFED_BYTES: usize = MAX_WIRE_BYTES - 1;
 const _: () = assert!(FRAMING_BYTES == 2 && MAX_STUFFED_BYTES < u8::MAX as usize);
 
 /// What is known of a frame that may arrive.
@@ -95,6 +95,19 @@ impl core::fmt::Display for ReceiveError {
 
 impl core::error::Error for ReceiveError {}
 
+/// Takes COBS off what was between two delimiters, where it lies, checks it, and finds its frame:
+/// for a device whose buffer has a frame already.
+///
+/// # Errors
+/// [`ReceiveError`], but for [`ReceiveError::TooLong`], which is for who cuts.
+pub fn receive<'a>(
+    stuffed: &'a mut [u8],
+    frames: &(impl InFrames + ?Sized),
+) -> Result<Arrived<'a>, ReceiveError> {
+    let len = cobs::decode_in_place(stuffed).map_err(|_| ReceiveError::Checksum)?;
+    check(stuffed.get(..len).unwrap_or_default(), frames)
+}
+
 /// Checks what was between two delimiters, COBS taken off, and finds its frame.
 pub(crate) fn check<'a>(
     plain: &'a [u8],
@@ -179,11 +192,7 @@ impl Receiver {
                 break len;
             }
         };
-        let stuffed = self.bytes.get_mut(..len)?;
-        let Ok(len) = cobs::decode_in_place(stuffed) else {
-            return Some(Err(ReceiveError::Checksum));
-        };
-        Some(check(self.bytes.get(..len)?, frames))
+        Some(receive(self.bytes.get_mut(..len)?, frames))
     }
 
     /// Whether it is in the middle of something.

@@ -1,4 +1,7 @@
-//! A run of a system: a host board for each processor, all in one time, around one plant.
+//! A run of a system: a board for each processor, on the host or in an emulator, all in one time,
+//! around one plant.
+
+mod emulated;
 
 use std::thread;
 
@@ -8,12 +11,15 @@ use esm_toolkit::plant::Plant;
 use esm_toolkit::system::declaration::{Link, Pins};
 use esm_toolkit::system::lock_step::{self, InStep, Member, RunningProcessor};
 use esm_toolkit::system::shared_plant::SharedPlant;
-use esm_toolkit::system::wiring::{self, Devices, Links};
+use esm_toolkit::system::wiring::{self, End, Links, Traffic};
 use rt_firmware::body::PinImage;
 use rt_firmware::{AnyTaskPool, Limits, Mailbox, RetainedRam, split};
 use thiserror::Error;
 
 use crate::host_board::RobotMaker;
+use crate::run::drive;
+pub use emulated::Emulated;
+use emulated::EmulatedProcessor;
 
 /// The memory of a processor's runtime lies on the stack, that of the next one above it.
 const STACK_BYTES_EACH: usize = 32 * 1024 * 1024;
@@ -22,8 +28,8 @@ const STACK_BYTES_EACH: usize = 32 * 1024 * 1024;
 pub struct Plan {
     /// Makes the tasks of each processor.
     pub robot: RobotMaker,
-    /// The processors, and what each has of the body.
-    pub members: Vec<(Member, Vec<Pins>)>,
+    /// The processors.
+    pub processors: Vec<Processor>,
     /// What lies between them.
     pub links: Vec<Link>,
     /// The body in its world.
@@ -36,12 +42,24 @@ pub struct Plan {
     pub stop_at_us: Option<u64>,
 }
 
+/// A processor.
+pub struct Processor {
+    /// Its mission and its clock.
+    pub member: Member,
+    /// What it has of the body.
+    pub pins: Vec<Pins>,
+    /// Where it is emulated; none for one that is a part of this process.
+    pub emulated: Option<Emulated>,
+}
+
 /// A run that is over.
 pub struct Outcome {
     /// How it ended for each processor; none where its mission never started.
     pub processors: Vec<Option<Ended>>,
     /// The plant at the end.
     pub plant: Plant,
+    /// What has crossed each link.
+    pub traffic: Vec<Option<[wiring::Sent; 2]>>,
 }
 
 /// Why a run did not come to its end.
@@ -55,6 +73,27 @@ pub enum SystemError {
         /// Why.
         #[source]
         error: RunError,
+    },
+    /// An emulated board did not do what it was asked for.
+    #[error("processor {processor}: {error}")]
+    Emulated {
+        /// Its number, from 1.
+        processor: usize,
+        /// Why.
+        #[source]
+        error: drive::RunError,
+    },
+    /// An emulated board has more links than one.
+    #[error(
+        "processor {processor}: a board {board} has one link, over a UART, and the mission uses {links}: send over one link what goes the same way, and leave `over` out"
+    )]
+    Links {
+        /// Its number, from 1.
+        processor: usize,
+        /// Its board.
+        board: &'static str,
+        /// How many links its mission uses.
+        links: usize,
     },
     /// Something in the run of all.
     #[error(transparent)]
@@ -79,27 +118,29 @@ pub type Hear<'h> = dyn FnMut(usize, u64, Given) -> bool + Send + 'h;
 /// # Errors
 /// [`SystemError`]
 pub fn run(plan: Plan, hear: &mut Hear<'_>) -> Result<Outcome, SystemError> {
-    let stack_bytes = STACK_BYTES_EACH * (plan.members.len() + 1);
+    let stack_bytes = STACK_BYTES_EACH * (plan.processors.len() + 1);
     thread::scope(|scope| {
         let boards = thread::Builder::new()
             .name("host boards".to_owned())
             .stack_size(stack_bytes)
             .spawn_scoped(scope, move || {
                 let shared = SharedPlant::new(plan.plant.clone(), plan.stop_at_us);
-                let links: Vec<Links> = (plan.members.iter())
-                    .map(|(member, _)| Links {
-                        clock: member.clock,
-                        links: member.mission.links.clone(),
+                let links: Vec<Links> = (plan.processors.iter())
+                    .map(|it| Links {
+                        clock: it.member.clock,
+                        links: it.member.mission.links.clone(),
                     })
                     .collect();
-                let devices = wiring::devices(&plan.links, &links, plan.seed);
+                let wires = wiring::wires(&plan.links, &links, plan.seed);
+                let traffic: Traffic = wires.traffic;
                 let mut ended = Vec::new();
-                nest(&plan, Vec::new(), (&shared, devices), &mut ended, hear)?;
+                nest(&plan, Vec::new(), (&shared, wires.ends), &mut ended, hear)?;
                 // The innermost came to its end first.
                 ended.reverse();
                 Ok(Outcome {
                     processors: ended,
                     plant: shared.at(plan.until_us),
+                    traffic: traffic.sent(),
                 })
             })?;
         boards.join().map_err(|_| SystemError::Panicked)?
@@ -111,27 +152,60 @@ pub fn run(plan: Plan, hear: &mut Hear<'_>) -> Result<Outcome, SystemError> {
 fn nest(
     plan: &Plan,
     mut running: Vec<&mut (dyn InStep + '_)>,
-    (shared, mut devices): (&SharedPlant, Vec<Devices>),
+    (shared, mut ends): (&SharedPlant, Vec<Vec<End>>),
     ended: &mut Vec<Option<Ended>>,
     hear: &mut Hear<'_>,
 ) -> Result<(), SystemError> {
-    let Some((member, has)) = plan.members.get(running.len()) else {
+    let Some(next) = plan.processors.get(running.len()) else {
         return Ok(lock_step::run(&mut running, plan.until_us, hear)?);
     };
-    let pins = PinImage::new();
-    let behind = shared.pins(has, member.clock);
-    let own = devices
+    let processor = running.len() + 1;
+    let behind = shared.pins(&next.pins, next.member.clock);
+    let own = ends
         .get_mut(running.len())
         .map(std::mem::take)
         .unwrap_or_default();
+    if let Some(emulated) = &next.emulated {
+        let of_board = |error| SystemError::Emulated { processor, error };
+        let mut uarts = own.into_iter().map(|end| end.uart);
+        let uart = uarts.next().flatten();
+        let links = 1 + uarts.count();
+        if links > 1 || (uart.is_none() && !next.member.mission.links.is_empty()) {
+            let board = emulated.board.name;
+            return Err(SystemError::Links {
+                processor,
+                board,
+                links,
+            });
+        }
+        let (emulated, member) = (emulated.clone(), next.member.clone());
+        let length = (plan.seed, plan.until_us);
+        let run = EmulatedProcessor::switch_on(
+            emulated,
+            member,
+            plan.plant.world(),
+            (behind, uart),
+            length,
+        );
+        let mut run = run.map_err(of_board)?;
+        let mut all: Vec<&mut dyn InStep> = running
+            .into_iter()
+            .map(|other| other as &mut dyn InStep)
+            .collect();
+        all.push(&mut run);
+        nest(plan, all, (shared, ends), ended, hear)?;
+        ended.push(run.finish().map_err(of_board)?);
+        return Ok(());
+    }
+    let pins = PinImage::new();
     let mut result = Err(SystemError::NoTasks);
+    let own = own.into_iter().map(|end| end.device).collect();
     // The maker is bound to call this once, and may not.
-    let mut given = Some((running, behind, own, devices));
+    let mut given = Some((running, behind, own, ends));
     (plan.robot)(pins.parts(), &mut |banks| {
-        let Some((running, behind, own, devices)) = given.take() else {
+        let Some((running, behind, own, ends)) = given.take() else {
             return;
         };
-        let processor = running.len() + 1;
         let of_board = |error| SystemError::Board { processor, error };
         let mut banks: Vec<&mut dyn AnyTaskPool> = (banks.iter_mut())
             .map(|bank| &mut **bank as &mut dyn AnyTaskPool)
@@ -144,7 +218,7 @@ fn nest(
             .map_err(|fault| of_board(RunError::Registry(fault)))
             .and_then(|sides| {
                 let length = (plan.seed, plan.until_us);
-                let member = member.clone();
+                let member = next.member.clone();
                 let run = RunningProcessor::switch_on(sides, &pins, behind, member, own, length);
                 let mut run = run.map_err(of_board)?;
                 let mut all: Vec<&mut dyn InStep> = running
@@ -152,7 +226,7 @@ fn nest(
                     .map(|other| other as &mut dyn InStep)
                     .collect();
                 all.push(&mut run);
-                nest(plan, all, (shared, devices), ended, hear)?;
+                nest(plan, all, (shared, ends), ended, hear)?;
                 ended.push(run.finish().map_err(of_board)?);
                 Ok(())
             });

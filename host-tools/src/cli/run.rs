@@ -469,6 +469,7 @@ fn plan(args: &RunArgs, robot: RobotMaker, console: &mut Console) -> Result<Plan
         missions,
         replay,
         cut_link_us: args.cut_link.map(|at| at.us),
+        system: None,
         record: None,
         sample_period: args.values.period(),
         plant_fault: match (args.freeze_plant_at, args.estop) {

@@ -280,6 +280,9 @@ pub fn execute(args: &UploadArgs, console: &mut Console) -> Result<(), CommandEr
     if args.record.is_some() {
         robot.require(Feature::Record)?;
     }
+    if staged.mission.has_links {
+        robot.require(Feature::Links)?;
+    }
     // Whoever only looks sees what runs now.
     let earlier_trial = if args.diff {
         None

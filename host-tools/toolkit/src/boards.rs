@@ -4,6 +4,7 @@
 //! checkout later; the host board joins it.
 
 use esm_link::message::Capacities;
+use rt_firmware::frames::{BOARD_FRAMES, BOARD_LINKS, FRAMES, LINKS};
 
 use crate::bound::Costs;
 
@@ -19,6 +20,8 @@ pub struct Board {
     pub description: &'static str,
     /// What a mission may use on it: what its firmware compares a mission with.
     pub capacities: Capacities,
+    /// The feature with which its firmware serves links of missions; `None` where none does.
+    pub links: Option<&'static str>,
     /// What runs on it; `None` for the board that is a part of the command.
     pub firmware: Option<Firmware>,
     /// How its firmware gets onto it; `None` where the board is an emulator's alone.
@@ -103,6 +106,15 @@ impl InterpreterSpeed {
 }
 
 impl Board {
+    /// How many links of a mission it serves, and how many frames of them.
+    pub fn link_room(&self) -> (usize, usize) {
+        match (self.links, self.firmware) {
+            (None, _) => (0, 0),
+            (Some(_), Some(_)) => (BOARD_LINKS, BOARD_FRAMES),
+            (Some(_), None) => (LINKS, FRAMES),
+        }
+    }
+
     /// Instructions of each construct of a macro step, where they were measured on this board.
     pub fn costs(&self) -> Option<Costs> {
         Costs::parse(self.interpreter?.costs).ok()
@@ -125,6 +137,7 @@ pub const HOST: Board = Board {
         nets: 2048,
         exclusive_groups: 128,
     },
+    links: Some("many-frames"),
     firmware: None,
     flashing: None,
     interpreter: None,
@@ -163,6 +176,11 @@ fn names() -> String {
 /// The names of the boards that a firmware can be put onto.
 pub fn flashable() -> String {
     joined(all().filter(|board| board.flashing.is_some()))
+}
+
+/// The names of the boards that serve links of missions.
+pub fn linked() -> String {
+    joined(all().filter(|board| board.links.is_some()))
 }
 
 /// `a`, `b` and `c`

@@ -153,8 +153,20 @@ impl<'b> Overlong<'b> {
 }
 
 fn exceeded(verified: &Verified<Vec<u8>>, board: &Board) -> impl Iterator<Item = Need> {
+    let tables = verified.tables();
+    let (links, frames) = board.link_room();
+    let of_links = [
+        (Capacity::Links, tables.links().len(), links),
+        (Capacity::Frames, tables.frames().len(), frames),
+    ];
+    let of_links = of_links.map(|(what, needed, available)| Need {
+        what,
+        needed: needed as u32,
+        available: available as u32,
+    });
     needs(verified, &board.capacities)
         .into_iter()
+        .chain(of_links)
         .filter(|need| need.needed > need.available)
 }
 
@@ -193,6 +205,14 @@ impl Shortage {
             Capacity::Pairs => ("entries in common", "upload it without `--warm`"),
             // Scripts are no missions.
             Capacity::ScriptSteps => ("steps of a script", "make two of it"),
+            Capacity::Links if need.available == 0 => (
+                "links",
+                "no firmware of this board serves links: leave them out",
+            ),
+            Capacity::Frames if need.available == 0 => (
+                "frames",
+                "no firmware of this board serves links: leave them out",
+            ),
             Capacity::Links => ("links", "send over one link what goes the same way"),
             Capacity::Frames => ("frames", "send several values in one frame"),
         };

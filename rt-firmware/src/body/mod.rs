@@ -16,6 +16,8 @@
 
 mod exchange;
 pub mod flash;
+#[cfg(feature = "links")]
+pub mod frames;
 #[cfg(feature = "imu")]
 mod imu;
 pub mod line;

@@ -26,7 +26,7 @@ mod tests;
 pub use device::{LinkDevice, Taken};
 #[cfg(feature = "links")]
 pub(crate) use limits::NO_DISPATCHER;
-pub use limits::{FRAMES, LINKS, VALUES};
+pub use limits::{BOARD_FRAMES, BOARD_LINKS, FRAMES, LINKS, VALUES};
 
 #[cfg(feature = "links")]
 pub use check::check;

@@ -184,7 +184,7 @@ impl FrameLists<'_> {
         &mut self,
         dispatcher: u8,
         at: &Activation,
-        device: Option<&mut (dyn LinkDevice + '_)>,
+        mut device: Option<&mut (dyn LinkDevice + '_)>,
         executor: &mut Executor<'_>,
         flags: &mut impl Flags,
     ) {
@@ -192,6 +192,11 @@ impl FrameLists<'_> {
         let Some(link) = self.links.get_mut(Self::device_of(dispatcher)) else {
             return;
         };
+        if at.is_fresh
+            && let Some(device) = &mut device
+        {
+            device.set_rate(link.times.0);
+        }
         if dispatcher.is_multiple_of(2) {
             let sent = slice(self.frames, link.sent);
             transmit(sent, origin_us, at, device, executor, flags);
@@ -242,7 +247,7 @@ fn transmit(
     let end_us = at.robot_us + u64::from(at.duration_us);
     let until_us = end_us + u64::from(at.period_us.max(1));
     for frame in sent {
-        let (Some(record), Some(configuration)) = (frame.record, frame.configuration) else {
+        let (Some(record), Some(configuration)) = (&frame.record, frame.configuration) else {
             continue;
         };
         let mut state = frame.state.get();
@@ -295,6 +300,9 @@ fn transmit(
             state.number = state.number.wrapping_add(1);
         }
         frame.state.set(state);
+    }
+    if let Some(device) = device {
+        device.start_sending();
     }
 }
 

@@ -182,7 +182,7 @@ pub(super) struct Received<'a>(pub(super) &'a [FrameEntry]);
 
 impl InFrames for Received<'_> {
     fn find(&self, identifier: u16) -> Option<(usize, InFrame)> {
-        let of = |entry: &FrameEntry| entry.record.map(|frame| frame.identifier());
+        let of = |entry: &FrameEntry| entry.record.as_ref().map(Frame::identifier);
         let index = self
             .0
             .iter()
@@ -192,7 +192,7 @@ impl InFrames for Received<'_> {
             index,
             InFrame {
                 identifier,
-                payload_bytes: entry.record?.payload.get() as u8,
+                payload_bytes: entry.record.as_ref()?.payload.get() as u8,
                 configuration: entry.configuration?,
             },
         ))

@@ -224,6 +224,9 @@ pub fn without(feature: Feature) -> &'static str {
         Feature::BlackBox => "it has no flight recorder",
         Feature::Telemetry => "it tells nothing of values on nets",
         Feature::Behaviours => "it has no behaviours",
+        Feature::Links => {
+            "its missions have no links; for boards that can have them, `cargo xtask firmware --with links` builds a firmware with them"
+        }
     }
 }
 

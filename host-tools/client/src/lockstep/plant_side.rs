@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rt_firmware::body::{Reply, Request, SONARS};
 
+use super::in_system::BoardSide;
 use super::pace::Pace;
 use crate::flash::Flash;
 use esm_toolkit::plant::behind_pins::{BehindPins, PlantBehindPins};
@@ -18,6 +19,8 @@ pub struct PlantSide {
     shared: Arc<Mutex<PlantBehindPins>>,
     pace: Arc<Pace>,
     flash: Option<Flash>,
+    /// Who has the body instead, where several boards share one.
+    system: Option<Arc<BoardSide>>,
 }
 
 impl PlantSide {
@@ -27,7 +30,19 @@ impl PlantSide {
             shared: Arc::new(Mutex::new(PlantBehindPins::new(plant, until_us))),
             pace,
             flash: None,
+            system: None,
         }
+    }
+
+    /// A board of a system, whose body is not here.
+    #[must_use]
+    pub fn in_system(self, system: Option<Arc<BoardSide>>) -> Self {
+        PlantSide { system, ..self }
+    }
+
+    /// Who answers a board of a system.
+    pub fn system(&self) -> Option<Arc<BoardSide>> {
+        self.system.clone()
     }
 
     /// The same plant, with this flash beside it.
@@ -87,6 +102,9 @@ impl PlantSide {
     /// clock.
     pub fn exchange(&self, request: &Request) -> Reply {
         self.pace.reach(request.start_us);
+        if let Some(system) = &self.system {
+            return system.exchange(request);
+        }
         self.lock().exchange(request)
     }
 

@@ -33,17 +33,26 @@ pub(crate) fn about(board: &boards::Board) -> boards::Firmware {
     })
 }
 
-/// What builds a board's firmware.
-fn builder(board: &boards::Board) -> String {
-    match board.name {
+/// What builds a board's firmware, or the one with a feature that it lacks by default.
+fn builder(board: &boards::Board, feature: Option<&str>) -> String {
+    let command = match board.name {
         BOARD => "cargo xtask firmware".to_owned(),
         name => format!("cargo xtask firmware --board {name}"),
+    };
+    match feature {
+        None => command,
+        Some(feature) => format!("{command} --with {feature}"),
     }
 }
 
-/// Where a board's default firmware is, below the checkout.
-fn built_firmware(board: &boards::Board) -> String {
-    format!("{FIRMWARE_FOLDER}/{}/{}.elf", board.name, about(board).bin)
+/// Where such a firmware is, below the checkout.
+fn built_firmware(board: &boards::Board, feature: Option<&str>) -> String {
+    let suffix = feature.map_or_else(String::new, |feature| format!("-{feature}"));
+    format!(
+        "{FIRMWARE_FOLDER}/{}/{}{suffix}.elf",
+        board.name,
+        about(board).bin
+    )
 }
 
 /// A board's default firmware as cargo built it, below the checkout.
@@ -163,6 +172,20 @@ pub fn find(
     from: &Path,
     tell: impl FnOnce(&str),
 ) -> Result<PathBuf, FirmwareError> {
+    find_with(board, None, named, from, tell)
+}
+
+/// The same of the firmware with a feature that it lacks by default.
+///
+/// # Errors
+/// [`FirmwareError`]: what is missing, and what to do.
+pub fn find_with(
+    board: &boards::Board,
+    feature: Option<&str>,
+    named: Option<&Path>,
+    from: &Path,
+    tell: impl FnOnce(&str),
+) -> Result<PathBuf, FirmwareError> {
     if let Some(path) = named {
         let path = path.to_owned();
         return match files::require(&path) {
@@ -173,15 +196,17 @@ pub fn find(
             Err(cause) => Err(FirmwareError::Unreadable { path, cause }),
         };
     }
-    let builder = builder(board);
+    let builder = builder(board, feature);
     let checkout = checkout_around(from).ok_or_else(|| FirmwareError::NoCheckout {
         board: board.name,
         builder: builder.clone(),
     })?;
-    let built = built_firmware(board);
+    let built = built_firmware(board, feature);
     let path = checkout.join(&built);
     if path.is_file() {
-        if let Some(source) = newer_source(board, &checkout, &path) {
+        if feature.is_none()
+            && let Some(source) = newer_source(board, &checkout, &path)
+        {
             tell(&format!(
                 "The firmware {built} is older than {}: `{builder}` builds it anew",
                 source.display()
@@ -212,7 +237,7 @@ pub fn check(board: &'static boards::Board, path: &Path) -> Result<(), FirmwareE
     let bytes = files::read(path, MAX_FIRMWARE_BYTES)
         .map_err(|cause| FirmwareError::Unreadable { path: at(), cause })?;
     let elf = ElfFile32::<Endianness>::parse(bytes.as_slice());
-    let builder = || builder(board);
+    let builder = || builder(board, None);
     let elf = elf.map_err(|cause| FirmwareError::NotElf {
         path: at(),
         cause,
@@ -343,7 +368,7 @@ mod tests {
         let mark = root.join(checkout_mark());
         std::fs::create_dir_all(mark.parent().unwrap()).unwrap();
         std::fs::write(mark, "").unwrap();
-        let elf = root.join(built_firmware(default_board()));
+        let elf = root.join(built_firmware(default_board(), None));
         std::fs::create_dir_all(elf.parent().unwrap()).unwrap();
         std::fs::write(&elf, "").unwrap();
         assert_eq!(find(default_board(), None, &below, |_| ()).unwrap(), elf);
@@ -418,7 +443,7 @@ mod tests {
             .unwrap();
             told
         };
-        let built = built_firmware(default_board());
+        let built = built_firmware(default_board(), None);
         let elf = built.as_str();
         write(&checkout_mark(), "", 1_000);
         write("rt-firmware/src/lib.rs", "", 1_000);

@@ -17,14 +17,17 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use rt_firmware::body::frames::{ASK_BYTES, CarriedFrame, MESSAGE_BYTES};
 use rt_firmware::body::{Reply, Request};
 use thiserror::Error;
 
 use esm_toolkit::boards;
 
 use crate::flash::Flash;
+use crate::lockstep::in_system::BoardSide;
 use crate::lockstep::line::BoardEnd;
 use crate::lockstep::plant_side::PlantSide;
 use folder::RunFolder;
@@ -169,6 +172,8 @@ pub struct Emulator {
     /// What the sonars of a chip's body answer.
     pulses: Option<PipeServer>,
     link: Option<(BoardEnd, PipeServer)>,
+    /// Frames of missions, those that go out and those that come in.
+    frames: Option<[PipeServer; 2]>,
     folder: RunFolder,
     uart: Option<UnixStream>,
 }
@@ -186,10 +191,11 @@ impl Emulator {
         plant: impl FnMut(&Request) -> Reply + Send + 'static,
         flash: Flash,
     ) -> Result<Self, EmulatorError> {
-        Self::start_linked(board, firmware, idle, plant, flash, None)
+        Self::start_linked(board, firmware, idle, plant, flash, (None, None))
     }
 
-    /// The same, with the link on `line` instead of the UART, if there is one.
+    /// The same, with the link on `line` instead of the UART, if there is one, and with frames of
+    /// missions that `frames` takes and gives, if it is a board of one.
     ///
     /// # Errors
     /// [`EmulatorError`]: what is missing, and what to do.
@@ -199,7 +205,7 @@ impl Emulator {
         idle: Idle,
         plant: impl FnMut(&Request) -> Reply + Send + 'static,
         flash: Flash,
-        line: Option<BoardEnd>,
+        (line, frames): (Option<BoardEnd>, Option<Arc<BoardSide>>),
     ) -> Result<Self, EmulatorError> {
         let system = |what| move |cause| EmulatorError::System { what, cause };
         let firmware = firmware
@@ -208,11 +214,13 @@ impl Emulator {
                 path: firmware.to_owned(),
             })?;
         let folder = RunFolder::new().map_err(system("make a folder for the run"))?;
-        // The firmware takes the way by which its link goes from whether the third pair is there.
-        let pairs = [pipes::PINS, pipes::FLASH, pipes::LINK];
-        let made = pairs.len() - usize::from(line.is_none());
-        pipes::make(folder.path(), &pairs[..made])
-            .map_err(system("make the pipes to the plant"))?;
+        // The firmware takes the ways by which its link and frames go from whether these are there.
+        let mut pairs = vec![pipes::PINS, pipes::FLASH];
+        pairs.extend(line.as_ref().map(|_| pipes::LINK));
+        if frames.is_some() {
+            pairs.extend([pipes::FRAMES_OUT, pipes::FRAMES_IN]);
+        }
+        pipes::make(folder.path(), &pairs).map_err(system("make the pipes to the plant"))?;
         let listener = UnixListener::bind(folder.path().join(UART_SOCKET))
             .map_err(system("make the socket of the serial line"))?;
         let plant = PipeServer::start(folder.path(), plant)
@@ -223,6 +231,10 @@ impl Emulator {
             .map(|line| Ok((line.clone(), serve_link(folder.path(), line)?)))
             .transpose()
             .map_err(system("open the pipes of the link"))?;
+        let frames = frames
+            .map(|system| serve_frames(folder.path(), &system))
+            .transpose()
+            .map_err(system("open the pipes of frames"))?;
         let counting = idle.instruction_counting(link.is_some());
         let machine = command(firmware::about(board).runner, &firmware, counting);
         let process = spawn(machine, folder.path())?;
@@ -232,6 +244,7 @@ impl Emulator {
             plant,
             flash,
             pulses: None,
+            frames,
             folder,
             uart: None,
         };
@@ -293,6 +306,7 @@ impl Emulator {
             plant: pins,
             flash,
             pulses: Some(pulses),
+            frames: None,
             folder,
             uart: None,
         })
@@ -380,6 +394,9 @@ impl Drop for Emulator {
         if let Some(pulses) = &mut self.pulses {
             pulses.stop();
         }
+        for frames in self.frames.iter_mut().flatten() {
+            frames.stop();
+        }
     }
 }
 
@@ -416,6 +433,24 @@ fn serve_link(folder: &Path, line: BoardEnd) -> io::Result<PipeServer> {
         line.close();
         ended
     })
+}
+
+/// Serves the pipes of frames, as a board of a system.
+fn serve_frames(folder: &Path, system: &Arc<BoardSide>) -> io::Result<[PipeServer; 2]> {
+    let (takes, gives) = (Arc::clone(system), Arc::clone(system));
+    Ok([
+        PipeServer::start_pair(folder, pipes::FRAMES_OUT, move |requests, replies| {
+            pipes::answer_all(requests, replies, |message: &[u8; MESSAGE_BYTES]| {
+                takes.start(CarriedFrame::from_bytes(*message));
+                [0]
+            })
+        })?,
+        PipeServer::start_pair(folder, pipes::FRAMES_IN, move |requests, replies| {
+            pipes::answer_all(requests, replies, |message: &[u8; ASK_BYTES]| {
+                *gives.arrived(u64::from_le_bytes(*message)).as_bytes()
+            })
+        })?,
+    ])
 }
 
 /// Starts an emulator in the folder of its run.

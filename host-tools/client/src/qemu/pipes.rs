@@ -1,5 +1,6 @@
 //! The named pipes between the emulated board and the plant, two for its pins, two for its flash,
-//! and two for its link where the plant carries that, and the threads that serve them.
+//! two for its link where the plant carries that, and four for its frames where it is one of
+//! several boards, and the threads that serve them.
 //!
 //! The firmware opens them by semihosting and blocks in them, which stops its virtual time: board
 //! and plant run in lock step. The threads never wait for the link client, nor the client for them,
@@ -50,6 +51,18 @@ pub const FLASH: Pair = Pair {
 pub const LINK: Pair = Pair {
     requests: "link-request",
     replies: "link-reply",
+};
+
+/// Frames that a board sends over its link: a message each, and an answer of one byte.
+pub const FRAMES_OUT: Pair = Pair {
+    requests: "frame-out-request",
+    replies: "frame-out-reply",
+};
+
+/// Frames that have arrived at a board: a question with a time each, and an answer with a frame.
+pub const FRAMES_IN: Pair = Pair {
+    requests: "frame-in-request",
+    replies: "frame-in-reply",
 };
 
 /// What sonars answer, for an emulator that gives their echoes to pins: a request is any byte, and
@@ -237,14 +250,28 @@ pub fn swap_link(mut requests: File, mut replies: File, line: &BoardEnd) -> io::
 }
 
 fn exchange_pins(
-    mut requests: File,
-    mut replies: File,
+    requests: File,
+    replies: File,
     mut answer: impl FnMut(&Request) -> Reply,
 ) -> io::Result<()> {
-    let mut message = [0; REQUEST_BYTES];
+    answer_all(requests, replies, |message: &[u8; REQUEST_BYTES]| {
+        answer(&Request::decode(message)).encode()
+    })
+}
+
+/// Answers messages until the board has closed its pipes.
+///
+/// # Errors
+/// What the system says.
+pub fn answer_all<const ASKED: usize, const ANSWERED: usize>(
+    mut requests: File,
+    mut replies: File,
+    mut answer: impl FnMut(&[u8; ASKED]) -> [u8; ANSWERED],
+) -> io::Result<()> {
+    let mut message = [0; ASKED];
     loop {
         match requests.read_exact(&mut message) {
-            Ok(()) => replies.write_all(&answer(&Request::decode(&message)).encode())?,
+            Ok(()) => replies.write_all(&answer(&message))?,
             Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => return Ok(()),
             Err(error) => return Err(error),
         }

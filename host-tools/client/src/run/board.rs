@@ -225,8 +225,9 @@ impl RunningBoard {
                 if link == LinkWay::Exchange {
                     let (near, line) = line::pair();
                     let idle = Idle::Passes;
+                    let ends = (Some(near), plant.system());
                     let emulator =
-                        Emulator::start_linked(board, &firmware, idle, answer, flash, Some(near))?;
+                        Emulator::start_linked(board, &firmware, idle, answer, flash, ends)?;
                     return Ok((RunningBoard::Emulated(Box::new(emulator)), Box::new(line)));
                 }
                 let mut emulator = Emulator::start(board, &firmware, Idle::Passes, answer, flash)?;

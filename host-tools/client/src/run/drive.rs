@@ -22,6 +22,7 @@ use crate::host_board::HostBoard;
 use crate::interrupt::Interrupt;
 use crate::link_client::log_lines::{LogLine, LogReader, LogTableError};
 use crate::link_client::{ClientError, KeyLoader, LinkClient, StreamEvent, Streams};
+use crate::lockstep::in_system::BoardSide;
 use crate::lockstep::line::STANDSTILL_LIMIT;
 use crate::lockstep::pace::{Hold, Pace};
 use crate::lockstep::plant_side::{PlantFault, PlantSide, SonarBreak, StuckWheel};
@@ -113,6 +114,8 @@ pub struct Plan {
     pub key: Option<KeyLoader>,
     /// Robot time from which on the robot hears nothing more of this program, in microseconds.
     pub cut_link_us: Option<u64>,
+    /// Who has body and links, where it is a board of a system.
+    pub system: Option<Arc<BoardSide>>,
 }
 
 impl Planned {
@@ -152,6 +155,7 @@ impl Plan {
             flash: None,
             key: None,
             cut_link_us: None,
+            system: None,
         }
     }
 
@@ -377,7 +381,9 @@ impl<W: Write> Driver<W> {
         let plant = Plant::new(plan.world, plan.body, plan.seed)?;
         let keeps_flash = plan.flash.is_some();
         let flash = plan.flash.unwrap_or_else(|| plan.board.flash_of_a_run());
-        let plant = PlantSide::new(plant, Arc::clone(&pace), plan.until_us).with_flash(Some(flash));
+        let plant = PlantSide::new(plant, Arc::clone(&pace), plan.until_us)
+            .with_flash(Some(flash))
+            .in_system(plan.system);
         if let Some(fault) = plan.plant_fault {
             plant.inject(fault);
         }
@@ -480,7 +486,8 @@ impl<W: Write> Driver<W> {
             self.call()?;
             self.tell()?;
             self.tell_of_no_end(watch);
-            if self.story.has_ended() || self.story.fault().is_some() || self.is_over_in_silence() {
+            let is_told = self.story.has_ended() || self.story.fault().is_some();
+            if (is_told || self.is_over_in_silence()) && !self.is_needed() {
                 return Ok(false);
             }
             if let Some(next) = self.missions.get(self.uploads.len())
@@ -501,6 +508,12 @@ impl<W: Write> Driver<W> {
                 stood += looked.elapsed().min(LISTEN_TIME);
             }
         }
+    }
+
+    /// Whether other boards of a system need what this one does up to the end.
+    fn is_needed(&self) -> bool {
+        let is_before = |until_us| self.pace.robot_us() <= until_us;
+        self.plant.system().is_some() && self.until_us.is_some_and(is_before)
     }
 
     /// Says it once where the last mission has finished and the run has no end of its own.
@@ -802,9 +815,14 @@ impl<W: Write> Driver<W> {
     fn check_features(&mut self) -> Result<(), RunError> {
         let records = self.recording.is_some();
         let goes_warm = self.missions.iter().any(|planned| planned.warm);
+        let has_links = self
+            .missions
+            .iter()
+            .any(|planned| planned.mission.has_links);
         for (feature, is_needed) in [
             (Feature::Record, records),
             (Feature::Warm, goes_warm),
+            (Feature::Links, has_links),
             (Feature::Store, self.keeps_flash),
         ] {
             if is_needed {

@@ -27,6 +27,8 @@ pub struct Mission {
     pub directory: Arc<Directory>,
     /// Names of the task types that it uses, in the blob's order.
     pub task_names: Vec<String>,
+    /// Whether it has links to other processors.
+    pub has_links: bool,
     /// Words of memory that its state takes on the robot.
     pub arena_words: usize,
 }
@@ -68,6 +70,7 @@ impl Mission {
             name,
             hash: verified.hash(),
             has_names: tables.names().is_some(),
+            has_links: !tables.links().is_empty(),
             directory: Arc::new(directory),
             task_names,
             arena_words: verified.arena_words(),

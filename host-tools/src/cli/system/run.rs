@@ -9,6 +9,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::loaded::Loaded;
+use crate::boards;
 use crate::cli::argument::Time;
 use crate::cli::console::{self, Console};
 use crate::cli::exit::CommandError;
@@ -19,19 +20,21 @@ use crate::host_run::{Ended, RunMission};
 use crate::medium::PS_IN_US;
 use crate::medium::clock::Clock;
 use crate::plant::{BodyParameters, Plant};
+use crate::qemu::firmware;
 use crate::run::drive::DEFAULT_SEED;
 use crate::run::interrupt::Interrupt;
 use crate::system::declaration::System;
 use crate::system::lock_step::Member;
 use crate::system::merged_trace::{self, ProcessorTrace};
+use crate::system::wiring::Sent;
 use crate::system_run::{self, Plan, SystemError};
 
 /// Runs all processors of a robot at once, around one simulated body
 ///
-/// Each processor is a host board with a clock of its own. Whose slot comes first by plant time
-/// goes first, so that two runs are equal to the byte. The trace of all has the lines of each
-/// processor's own trace in the order of plant time, with `processor` and `plant_us` before the
-/// rest.
+/// Each processor is a host board or one in the emulator, with a clock of its own. Whose slot comes
+/// first by plant time goes first, so that two runs are equal to the byte. The trace of all has the
+/// lines of each processor's own trace in the order of plant time, with `processor` and `plant_us`
+/// before the rest.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -80,6 +83,17 @@ struct Summary {
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     interrupted: bool,
     processors: Vec<ProcessorSummary>,
+    lines: Vec<LineSummary>,
+}
+
+/// What one end of a line has sent.
+#[derive(Serialize)]
+struct LineSummary {
+    from: String,
+    to: String,
+    frames: u64,
+    /// By how much the first bit of any of them was later than its start, at most.
+    latest_us: f64,
 }
 
 /// A processor's part of it.
@@ -130,11 +144,11 @@ pub fn execute(
     let world_name = world.name.clone();
     let plant = Plant::new(world, BodyParameters::default(), args.seed)
         .map_err(|error| CommandError::Input(error.into()))?;
-    let members = members(&system, &mut loaded)?;
-    let clocks: Vec<Clock> = members.iter().map(|(member, _)| member.clock).collect();
+    let processors = processors(&system, &mut loaded, console)?;
+    let clocks: Vec<Clock> = processors.iter().map(|it| it.member.clock).collect();
     let plan = Plan {
         robot,
-        members,
+        processors,
         links: system.links.clone(),
         plant,
         seed: args.seed,
@@ -167,7 +181,7 @@ pub fn execute(
         goes_on
     };
     let outcome = system_run::run(plan, &mut hear).map_err(|error| match error {
-        SystemError::Thread(_) => CommandError::World(error.into()),
+        SystemError::Thread(_) | SystemError::Emulated { .. } => CommandError::World(error.into()),
         _ => CommandError::Input(error.into()),
     })?;
     if let Some(error) = failed {
@@ -193,6 +207,7 @@ pub fn execute(
         rooms_entered: outcome.plant.statistics().rooms_entered().to_vec(),
         interrupted: end_us < args.until.us,
         processors: summaries(&system, &outcome.processors),
+        lines: lines(&system, &outcome.traffic),
     };
     if args.json {
         console.json_line(&summary)?;
@@ -227,35 +242,61 @@ fn keep_files(args: &RunArgs, loaded: &Loaded) -> Result<(), CommandError> {
 }
 
 /// The processors, each with what it has of the body.
-fn members(
+fn processors(
     system: &System,
     loaded: &mut Loaded,
-) -> Result<Vec<(Member, Vec<crate::system::declaration::Pins>)>, CommandError> {
-    let mut members = Vec::new();
+    console: &mut Console,
+) -> Result<Vec<system_run::Processor>, CommandError> {
+    let mut processors = Vec::new();
     for (processor, mission) in system.processors.iter().zip(&mut loaded.missions) {
         let name = &processor.name.text;
-        if let Some(board) = &processor.board
-            && board.text != host_board::BOARD
-        {
-            return Err(CommandError::Input(anyhow!(
-                "`{name}` is a {}, and a system runs on boards of this computer: write `board {}`, or leave it out",
-                board.text,
-                host_board::BOARD
-            )));
-        }
         // One without a blob has errors, which were told.
         let blob = mission
             .as_mut()
             .and_then(|it| Some((it.blob.take()?, &it.path)));
         let (blob, path) = blob.ok_or(CommandError::Told)?;
+        let emulated = match &processor.board {
+            Some(board) if board.text != host_board::BOARD => {
+                Some(emulated(name, &board.text, path, console)?)
+            }
+            _ => None,
+        };
         let title = path
             .file_stem()
             .map_or_else(|| name.into(), |stem| stem.to_string_lossy());
         let mission = RunMission::new(&title, blob).map_err(|it| CommandError::Input(it.into()))?;
         let clock = Clock::new(processor.start_us * PS_IN_US, processor.drift_ppb);
-        members.push((Member { mission, clock }, processor.pins.clone()));
+        processors.push(system_run::Processor {
+            member: Member { mission, clock },
+            pins: processor.pins.clone(),
+            emulated,
+        });
     }
-    Ok(members)
+    Ok(processors)
+}
+
+/// The emulated board of a processor.
+fn emulated(
+    name: &str,
+    board: &str,
+    mission: &Path,
+    console: &mut Console,
+) -> Result<system_run::Emulated, CommandError> {
+    let board = boards::find(board).map_err(|it| CommandError::Input(it.into()))?;
+    let Some(links) = board.links else {
+        return Err(CommandError::Input(anyhow!(
+            "`{name}` is a {}, which has no firmware with links: write `board host`, or another of {}",
+            board.name,
+            boards::linked()
+        )));
+    };
+    let here = std::env::current_dir()?;
+    let firmware = firmware::find_with(board, Some(links), None, &here, |said| console.note(said))?;
+    Ok(system_run::Emulated {
+        board,
+        firmware,
+        mission: mission.to_owned(),
+    })
 }
 
 fn trace_of<'t>(ended: &'t Ended, clock: Clock, name: &'t str) -> Option<ProcessorTrace<'t>> {
@@ -283,6 +324,30 @@ fn summaries(system: &System, ended: &[Option<Ended>]) -> Vec<ProcessorSummary> 
         });
     }
     summaries
+}
+
+fn lines(system: &System, traffic: &[Option<[Sent; 2]>]) -> Vec<LineSummary> {
+    let mut lines = Vec::new();
+    for (link, sent) in system.links.iter().zip(traffic) {
+        let names = link.ends.each_ref().map(|end| {
+            let processor = system.processors.get(end.processor);
+            let processor = processor.map_or("", |it| it.name.text.as_str());
+            format!("{processor}.{}", end.link)
+        });
+        let [first, second] = names;
+        let Some([there, back]) = sent else {
+            continue;
+        };
+        for (from, to, sent) in [(&first, &second, there), (&second, &first, back)] {
+            lines.push(LineSummary {
+                from: from.clone(),
+                to: to.clone(),
+                frames: sent.count,
+                latest_us: sent.latest_ps as f64 / PS_IN_US as f64,
+            });
+        }
+    }
+    lines
 }
 
 fn words(summary: &Summary) -> String {

@@ -36,6 +36,7 @@ const SMALL: Board = Board {
     },
     firmware: None,
     flashing: None,
+    links: None,
     interpreter: None,
 };
 

@@ -334,6 +334,30 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
         (!is_over && next_us <= self.until_us).then_some(next_us)
     }
 
+    /// The same up to the very end, whether or not there is another macro step before: other
+    /// processors see what its slots do.
+    pub fn next_slot_us(&self) -> Option<u64> {
+        let next_us = self.life.next_robot_us();
+        let goes_on = self.story.fault().is_none() && next_us <= self.until_us;
+        goes_on.then_some(next_us)
+    }
+
+    /// Lets the next slot be executed.
+    ///
+    /// # Errors
+    /// [`RunError`]
+    pub fn pass_slot(&mut self) -> Result<(), RunError> {
+        self.call(self.life.next_robot_us())?;
+        self.life.serve(&mut self.port);
+        self.take_in()?;
+        if std::mem::take(&mut self.is_new) {
+            self.watch()?;
+        }
+        self.life.pass(&mut self.port);
+        self.show();
+        Ok(())
+    }
+
     /// What the last activation has left at the pins, and when that takes effect, in microseconds
     /// of robot time.
     fn outputs(&self) -> Option<(u64, Actuators)> {
@@ -381,14 +405,7 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
             if next_us > robot_us {
                 return Ok(true);
             }
-            self.call(next_us)?;
-            self.life.serve(&mut self.port);
-            self.take_in()?;
-            if std::mem::take(&mut self.is_new) {
-                self.watch()?;
-            }
-            self.life.pass(&mut self.port);
-            self.show();
+            self.pass_slot()?;
         }
     }
 

@@ -7,6 +7,8 @@ use super::chance::{Chance, Fate};
 use super::clock::Clock;
 use super::plant_time::{Cut, PS_IN_S, is_cut};
 
+/// Picoseconds in a nanosecond.
+const PS_IN_NS: u128 = 1_000;
 /// Bits of a byte that noise can change.
 const DATA_BITS: u32 = 8;
 
@@ -38,6 +40,15 @@ pub struct ArrivedByte {
     pub byte: u8,
 }
 
+/// What was sent so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sent {
+    /// How often something was sent at once.
+    pub count: u64,
+    /// By how much the first bit of any of it was too late at most, in picoseconds.
+    pub latest_ps: u64,
+}
+
 /// One direction of a line.
 #[derive(Clone, Debug)]
 pub struct Line {
@@ -46,8 +57,11 @@ pub struct Line {
     /// The sender's clock, and the receiver's.
     sender: Clock,
     receiver: Clock,
-    /// When the last bit is sent of all that was given, in picoseconds of plant time.
+    /// What is to be sent, in the order of its starts in picoseconds of plant time.
+    waiting: VecDeque<(u64, Vec<u8>)>,
+    /// When the last bit is sent of all that was begun, in picoseconds of plant time.
     free_ps: u64,
+    sent: Sent,
     /// Bytes on their way, with the times of their arrival.
     under_way: VecDeque<(u64, u8)>,
 }
@@ -61,7 +75,9 @@ impl Line {
             fate,
             sender,
             receiver,
+            waiting: VecDeque::new(),
             free_ps: 0,
+            sent: Sent::default(),
             under_way: VecDeque::new(),
         }
     }
@@ -72,10 +88,42 @@ impl Line {
         self.receiver = receiver;
     }
 
-    /// Sends bytes from a time of the sender's clock on, or behind what was given before. Answers
-    /// when the first bit is sent, in picoseconds of plant time.
-    pub fn send(&mut self, start_us: u64, bytes: &[u8]) -> u64 {
-        let begins_ps = self.sender.plant_ps(start_us).max(self.free_ps);
+    /// Sends bytes from a time of the sender's clock on, or behind what is to start before. What is
+    /// given later may start earlier, but not before what has been taken.
+    pub fn send(&mut self, start_us: u64, bytes: &[u8]) {
+        self.send_late(start_us, 0, bytes);
+    }
+
+    /// The same of a sender that is late, by so many nanoseconds of its clock.
+    pub fn send_late(&mut self, start_us: u64, late_ns: u32, bytes: &[u8]) {
+        let start_ps = self.sender.plant_ps(start_us);
+        let late_ps = self.sender.stretched_ps(u128::from(late_ns) * PS_IN_NS);
+        let begins_ps = start_ps.saturating_add(late_ps);
+        let place = self
+            .waiting
+            .partition_point(|(at_ps, _)| *at_ps <= begins_ps);
+        self.waiting.insert(place, (begins_ps, bytes.to_vec()));
+        self.sent.count += 1;
+        self.sent.latest_ps = self.sent.latest_ps.max(late_ps);
+    }
+
+    /// What was sent so far.
+    #[must_use]
+    pub fn sent(&self) -> Sent {
+        self.sent
+    }
+
+    /// Begins all that starts by a plant time.
+    fn begin_until(&mut self, plant_ps: u64) {
+        while let Some((start_ps, bytes)) = self.waiting.pop_front_if(|it| it.0 <= plant_ps) {
+            self.begin(start_ps, &bytes);
+        }
+    }
+
+    fn begin(&mut self, start_ps: u64, bytes: &[u8]) {
+        let begins_ps = start_ps.max(self.free_ps);
+        let behind_ps = begins_ps - start_ps;
+        self.sent.latest_ps = self.sent.latest_ps.max(behind_ps);
         let is_lost = self.fate.decide(self.settings.loss);
         for (nth, byte) in bytes.iter().enumerate() {
             let sent = |count| begins_ps.saturating_add(self.length_ps(count));
@@ -89,26 +137,25 @@ impl Line {
             }
         }
         self.free_ps = begins_ps.saturating_add(self.length_ps(bytes.len()));
-        begins_ps
     }
 
-    /// Whether what was given before is still being sent at a time of the sender's clock, and for
+    /// Whether what starts before is still being sent at a time of the sender's clock, and for
     /// longer than so many bytes take.
     #[must_use]
     pub fn is_behind(&self, start_us: u64, bytes: usize) -> bool {
         let start_ps = self.sender.plant_ps(start_us);
-        self.free_ps > start_ps.saturating_add(self.length_ps(bytes))
-    }
-
-    /// When the next byte arrives, in picoseconds of plant time.
-    #[must_use]
-    pub fn next_ps(&self) -> Option<u64> {
-        self.under_way.front().map(|(at_ps, _)| *at_ps)
+        let before = self.waiting.iter().take_while(|it| it.0 <= start_ps);
+        let free_ps = before.fold(self.free_ps, |free_ps, (at_ps, bytes)| {
+            let length_ps = self.length_ps(bytes.len());
+            free_ps.max(*at_ps).saturating_add(length_ps)
+        });
+        free_ps > start_ps.saturating_add(self.length_ps(bytes))
     }
 
     /// The next byte that has arrived by a time of the receiver's clock, in the order of arrival.
     pub fn take(&mut self, until_us: u64) -> Option<ArrivedByte> {
         let receiver = self.receiver;
+        self.begin_until(receiver.plant_ps(until_us.saturating_add(1)));
         let arrived = |(at_ps, _): &mut (u64, u8)| receiver.local_us(*at_ps) <= until_us;
         let (at_ps, byte) = self.under_way.pop_front_if(arrived)?;
         let at_us = receiver.local_us(at_ps);
@@ -167,11 +214,9 @@ mod tests {
             delay_ps: 200 * PS_IN_US,
             ..settings()
         });
-        assert_eq!(line.send(1_000, b"abc"), 1_000 * PS_IN_US);
-        // Before the first are through: they wait.
-        let second_ps = line.send(1_100, b"d");
-        assert_eq!(second_ps, 1_260_416_666);
-        assert_eq!(line.next_ps(), Some(1_286_805_555));
+        // Before the first are through: it waits.
+        line.send(1_100, b"d");
+        line.send(1_000, b"abc");
         assert_eq!(line.take(1_285), None);
         let first = ArrivedByte {
             at_us: 1_286,
@@ -182,6 +227,22 @@ mod tests {
             all(&mut line),
             [(1_373, b'b'), (1_460, b'c'), (1_547, b'd')]
         );
+        let sent = Sent {
+            count: 2,
+            latest_ps: 160_416_666,
+        };
+        assert_eq!(line.sent(), sent);
+    }
+
+    #[test]
+    fn what_starts_earlier_goes_first_and_who_is_late_is_told() {
+        let mut line = line(settings());
+        line.send_late(2_000, 3_000, b"b");
+        line.send(1_000, b"a");
+        assert!(line.is_behind(2_010, 0) && !line.is_behind(2_000, 0));
+        assert_eq!(all(&mut line), [(1_086, b'a'), (2_089, b'b')]);
+        let late = line.sent();
+        assert_eq!((late.count, late.latest_ps), (2, 3 * PS_IN_US));
     }
 
     #[test]
@@ -189,8 +250,7 @@ mod tests {
         let (fast, slow) = (Clock::new(0, 100_000), Clock::new(50 * PS_IN_US, -100_000));
         let mut line = Line::new(settings(), Fate::new(1, 0), fast, slow);
         let hour_us = 3_600 * 1_000_000;
-        let sent_ps = line.send(hour_us, b"x");
-        assert_eq!(sent_ps, fast.plant_ps(hour_us));
+        line.send(hour_us, b"x");
         // Two times 0.36 s, the time for a byte, and 50 µs.
         let arrived = line.take(u64::MAX).unwrap();
         assert_eq!(arrived.at_us, hour_us - 720_000 + 108);

@@ -32,17 +32,12 @@ impl SharedMemory {
         }
     }
 
-    /// Writes at a time of the writer's clock. Answers when that is, in picoseconds of plant time.
-    pub fn write(&mut self, at_us: u64, bytes: &[u8]) -> u64 {
+    /// Writes at a time of the writer's clock. What is given later may be written earlier, but not
+    /// before what has been taken.
+    pub fn write(&mut self, at_us: u64, bytes: &[u8]) {
         let at_ps = self.writer.plant_ps(at_us);
-        self.waiting.push_back((at_ps, bytes.to_vec()));
-        at_ps
-    }
-
-    /// When the next was written, in picoseconds of plant time.
-    #[must_use]
-    pub fn next_ps(&self) -> Option<u64> {
-        self.waiting.front().map(|(at_ps, _)| *at_ps)
+        let place = self.waiting.partition_point(|(it_ps, _)| *it_ps <= at_ps);
+        self.waiting.insert(place, (at_ps, bytes.to_vec()));
     }
 
     /// What was written next by a time of the reader's clock.
@@ -62,9 +57,8 @@ mod tests {
     #[test]
     fn what_is_written_is_there_at_once() {
         let mut memory = SharedMemory::new(Clock::new(0, 0), Clock::new(1_000_000, 0));
-        memory.write(10, b"first");
         memory.write(20, b"second");
-        assert_eq!(memory.next_ps(), Some(10_000_000));
+        memory.write(10, b"first");
         assert_eq!(memory.take(8), None);
         let taken = |memory: &mut SharedMemory| memory.take(19).map(|it| (it.at_us, it.bytes));
         assert_eq!(taken(&mut memory), Some((9, b"first".to_vec())));

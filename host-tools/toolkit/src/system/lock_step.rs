@@ -87,7 +87,7 @@ impl<'p, 'q, 'm> RunningProcessor<'p, 'q, 'm> {
 impl InStep for RunningProcessor<'_, '_, '_> {
     fn next_ps(&self) -> Option<u64> {
         let next_us = match self.has_begun {
-            true => self.run.next_us()?,
+            true => self.run.next_slot_us()?,
             false => 0,
         };
         Some(self.clock.plant_ps(next_us))
@@ -96,8 +96,8 @@ impl InStep for RunningProcessor<'_, '_, '_> {
     fn step(&mut self) -> Result<(), RunError> {
         if !std::mem::replace(&mut self.has_begun, true) {
             self.run.begin()?;
-        } else if let Some(next_us) = self.run.next_us() {
-            self.run.go_on(next_us)?;
+        } else if self.run.next_slot_us().is_some() {
+            self.run.pass_slot()?;
         }
         self.run.announce();
         // What it has logged is its own, before another one logs.

@@ -4,9 +4,11 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use esm_link::frame::DELIMITER;
 use esm_link::frames::can;
 use esm_link::frames::receiver::{InFrames, Receiver};
 use esm_link::frames::wire::{self, Header, MAX_PAYLOAD_BYTES, MAX_WIRE_BYTES};
+use rt_firmware::body::frames::CarriedFrame;
 use rt_firmware::frames::{LinkDevice, Taken};
 
 use super::declaration::{Link, Medium};
@@ -16,6 +18,7 @@ use crate::medium::PS_IN_US;
 use crate::medium::can::{Bus, BusSettings};
 use crate::medium::chance::Fate;
 use crate::medium::clock::Clock;
+pub use crate::medium::line::Sent;
 use crate::medium::line::{Line, LineSettings};
 use crate::medium::memory::SharedMemory;
 
@@ -34,59 +37,109 @@ pub struct Links {
 /// The devices of a processor, in the order of its links.
 pub type Devices = Vec<Box<dyn LinkDevice>>;
 
-/// Makes the devices of all links of each processor. A link that nothing is joined to leads
-/// nowhere.
+/// One end of a link, for whoever serves it.
+pub struct End {
+    /// The device of a host board.
+    pub device: Box<dyn LinkDevice>,
+    /// The line that leads to it, where that is one: for a board with a UART of its own.
+    pub uart: Option<Uart>,
+}
+
+impl End {
+    /// An end that leads nowhere.
+    fn open() -> Self {
+        End {
+            device: Box::new(OpenLine),
+            uart: None,
+        }
+    }
+}
+
+/// What lies between processors.
+pub struct Wires {
+    /// The ends of each processor, in the order of its links.
+    pub ends: Vec<Vec<End>>,
+    /// What crosses the links.
+    pub traffic: Traffic,
+}
+
+/// What has crossed the links of a system.
+#[derive(Clone, Default)]
+pub struct Traffic(Vec<Option<[Rc<RefCell<Line>>; 2]>>);
+
+impl Traffic {
+    /// Of each link, what its first end and its second has sent; none where it is no line.
+    #[must_use]
+    pub fn sent(&self) -> Vec<Option<[Sent; 2]>> {
+        let of = |lines: &[Rc<RefCell<Line>>; 2]| lines.each_ref().map(|it| it.borrow().sent());
+        self.0.iter().map(|lines| lines.as_ref().map(of)).collect()
+    }
+}
+
+/// Makes the ends of all links of each processor. A link that nothing is joined to leads nowhere.
 #[must_use]
-pub fn devices(links: &[Link], processors: &[Links], seed: u64) -> Vec<Devices> {
-    let mut devices: Vec<Devices> = processors
-        .iter()
-        .map(|it| (it.links.iter()).map(|_| Box::new(OpenLine) as Box<dyn LinkDevice>))
-        .map(Iterator::collect)
+pub fn wires(links: &[Link], processors: &[Links], seed: u64) -> Wires {
+    let mut ends: Vec<Vec<End>> = (processors.iter())
+        .map(|it| it.links.iter().map(|_| End::open()).collect())
         .collect();
+    let mut traffic = Traffic::default();
     for (number, link) in (0..).zip(links) {
-        let ends = link.ends.each_ref().map(|end| {
+        let of_link = link.ends.each_ref().map(|end| {
             let processor = processors.get(end.processor)?;
             let index = processor.links.iter().position(|it| it.name == end.link)?;
             let of_blob = processor.links.get(index)?;
             Some((end.processor, index, processor.clock, of_blob))
         });
         // One whose dispatchers are not used sends nothing and hears nothing.
-        let [Some(first), Some(second)] = ends else {
+        let [Some(first), Some(second)] = of_link else {
+            traffic.0.push(None);
             continue;
         };
         let clocks = [first.2, second.2];
-        let wires = match link.medium {
-            Medium::Line => lines(
-                link,
-                clocks,
-                first.3,
-                [number * WAYS, number * WAYS + 1],
-                seed,
-            ),
-            Medium::Memory => memories(clocks),
-            Medium::Can => nodes(link, clocks, first.3, number * WAYS, seed),
+        let mut lines = None;
+        let made = match link.medium {
+            Medium::Line => {
+                let numbers = [number * WAYS, number * WAYS + 1];
+                let both = self::lines(link, clocks, first.3, numbers, seed);
+                let [there, back] = lines.insert(both).each_ref().map(Rc::clone);
+                [
+                    Uart::new(Rc::clone(&there), Rc::clone(&back)),
+                    Uart::new(back, there),
+                ]
+                .map(|uart| End {
+                    device: Box::new(uart.device()),
+                    uart: Some(uart),
+                })
+            }
+            Medium::Memory => memories(clocks).map(|device| End { device, uart: None }),
+            Medium::Can => {
+                let nodes = nodes(link, clocks, first.3, number * WAYS, seed);
+                nodes.map(|device| End { device, uart: None })
+            }
         };
-        for (wire, (processor, index, ..)) in wires.into_iter().zip([first, second]) {
-            let place = devices.get_mut(processor).and_then(|it| it.get_mut(index));
+        traffic.0.push(lines);
+        for (end, (processor, index, ..)) in made.into_iter().zip([first, second]) {
+            let place = ends.get_mut(processor).and_then(|it| it.get_mut(index));
             if let Some(place) = place {
-                *place = wire;
+                *place = end;
             }
         }
     }
-    devices
+    Wires { ends, traffic }
 }
 
 fn shared<T>(value: T) -> Rc<RefCell<T>> {
     Rc::new(RefCell::new(value))
 }
 
+/// Both directions of a line.
 fn lines(
     link: &Link,
     clocks: [Clock; 2],
     of_blob: &WiredLink,
     numbers: [u64; 2],
     seed: u64,
-) -> [Box<dyn LinkDevice>; 2] {
+) -> [Rc<RefCell<Line>>; 2] {
     let settings = || LineSettings {
         rate_bps: of_blob.rate_bps,
         bits: of_blob.bits,
@@ -97,16 +150,61 @@ fn lines(
         cuts: link.cuts.clone(),
     };
     let line = |number, from, to| shared(Line::new(settings(), Fate::new(seed, number), from, to));
-    let there = line(numbers[0], clocks[0], clocks[1]);
-    let back = line(numbers[1], clocks[1], clocks[0]);
-    let end = |sends: &Rc<RefCell<Line>>, hears: &Rc<RefCell<Line>>| -> Box<dyn LinkDevice> {
-        Box::new(LineEnd {
-            sends: Rc::clone(sends),
-            hears: Rc::clone(hears),
+    [
+        line(numbers[0], clocks[0], clocks[1]),
+        line(numbers[1], clocks[1], clocks[0]),
+    ]
+}
+
+/// The pins of a UART: whole frames as the bytes of the wire, for a board that makes and reads them
+/// itself.
+pub struct Uart {
+    sends: Rc<RefCell<Line>>,
+    hears: Rc<RefCell<Line>>,
+    /// What has come of a frame.
+    arriving: Vec<u8>,
+}
+
+impl Uart {
+    fn new(sends: Rc<RefCell<Line>>, hears: Rc<RefCell<Line>>) -> Self {
+        Uart {
+            sends,
+            hears,
+            arriving: Vec::new(),
+        }
+    }
+
+    fn device(&self) -> LineEnd {
+        LineEnd {
+            sends: Rc::clone(&self.sends),
+            hears: Rc::clone(&self.hears),
             receiver: Receiver::new(),
-        })
-    };
-    [end(&there, &back), end(&back, &there)]
+        }
+    }
+
+    /// The board starts a frame.
+    pub fn start(&mut self, mut frame: CarriedFrame) {
+        let (at_us, late_ns) = (frame.at_us(), frame.late_ns());
+        if let Some(bytes) = frame.carried() {
+            self.sends.borrow_mut().send_late(at_us, late_ns, bytes);
+        }
+    }
+
+    /// The next frame that has arrived by a time of the board's clock.
+    pub fn arrived(&mut self, until_us: u64) -> CarriedFrame {
+        let mut line = self.hears.borrow_mut();
+        while let Some(arrived) = line.take(until_us) {
+            if arrived.byte == DELIMITER {
+                let bytes = std::mem::take(&mut self.arriving);
+                if !bytes.is_empty() {
+                    return CarriedFrame::new(arrived.at_us, 0, &bytes);
+                }
+            } else if self.arriving.len() <= MAX_WIRE_BYTES {
+                self.arriving.push(arrived.byte);
+            }
+        }
+        CarriedFrame::NONE
+    }
 }
 
 /// A UART.
@@ -292,7 +390,11 @@ mod tests {
                 links: vec![wired("two")],
             },
         ];
-        devices(&system.links, &processors, 1)
+        let ends = wires(&system.links, &processors, 1).ends;
+        let devices = ends.into_iter();
+        devices
+            .map(|ends| ends.into_iter().map(|end| end.device).collect())
+            .collect()
     }
 
     fn send(

@@ -7,6 +7,7 @@ use super::handler::RequestHandler;
 use super::port::LinkPort;
 use crate::black_box::KEEPS_RECORDS;
 use crate::features::{BEHAVIOURS, PARAMS, RECORD, STATUS_EVENTS, TELEMETRY, WARM};
+use crate::frames::LINKS;
 use crate::realtime::mailbox::{Bytes, Content};
 use esm_link::access::Access;
 use esm_link::features::{Feature, Features};
@@ -49,7 +50,8 @@ impl RequestHandler<'_, '_> {
                 KEEPS_RECORDS && self.about.kept.is_some(),
             )
             .with(Feature::Telemetry, TELEMETRY)
-            .with(Feature::Behaviours, BEHAVIOURS);
+            .with(Feature::Behaviours, BEHAVIOURS)
+            .with(Feature::Links, LINKS > 0);
         Response::Features {
             built_in,
             flash_ms: if has_store { P::FLASH_MS } else { 0 },
