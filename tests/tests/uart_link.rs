@@ -12,7 +12,7 @@ use std::thread;
 
 use esm_link::frames::configuration::{Configuration, Content};
 use esm_link::frames::receiver::{InFrame, Receiver, SortedFrames};
-use esm_tests::command::{esm_in, firmware_with_links};
+use esm_tests::command::{esm, esm_in, firmware, firmware_with_links};
 use serde_json::Value;
 
 /// Sends two flags and receives them; the second is set for 300 ms, and then it is not.
@@ -117,4 +117,34 @@ fn what_the_board_sends_over_its_uart_it_can_receive() {
         entered.iter().all(|it| it != "hearing/Wrong"),
         "{entered:?}"
     );
+}
+
+#[test]
+fn a_mission_with_links_is_refused_where_they_are_not_and_before_it_is_sent() {
+    let folder = tempfile::tempdir().unwrap();
+    let mission = folder.path().join("echo.esm");
+    fs::write(&mission, MISSION).unwrap();
+    let mission = mission.to_str().unwrap();
+    let firmware = firmware("rover");
+    let done = esm(&[
+        "run",
+        mission,
+        "--board",
+        "lm3s6965",
+        "--firmware",
+        firmware.to_str().unwrap(),
+        "--world",
+        "office",
+        "--until",
+        "1 s",
+    ])
+    .ended(1);
+    assert!(done.err.contains("--with links"), "{}", done.err);
+    assert!(!done.out.contains("upload |"), "{}", done.out);
+    // A board for which no firmware has them says so without a robot.
+    let done = esm(&["check", mission, "--board", "stm32f405"]).ended(1);
+    for words in ["E012", "no firmware of this board serves links"] {
+        assert!(done.err.contains(words), "{}", done.err);
+    }
+    esm(&["check", mission, "--board", "lm3s6965"]).good();
 }
