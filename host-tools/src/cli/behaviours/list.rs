@@ -203,14 +203,13 @@ pub fn script_line(script: &ScriptReport) -> String {
         steps,
         ended,
     } = script;
+    // What a robot says may be anything.
+    let step = ended.saturating_add(1);
     match *state {
-        "runs" => format!("script {script}: step {} of {steps}", ended + 1),
-        "suspended" => format!(
-            "script {script}: suspended in step {} of {steps}",
-            ended + 1
-        ),
+        "runs" => format!("script {script}: step {step} of {steps}"),
+        "suspended" => format!("script {script}: suspended in step {step} of {steps}"),
         "done" => format!("script {script}: done, all {steps} steps"),
-        _ => format!("script {script}: ended in step {} of {steps}", ended + 1),
+        _ => format!("script {script}: ended in step {step} of {steps}"),
     }
 }
 
