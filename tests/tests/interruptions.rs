@@ -179,8 +179,9 @@ const SUSPENDED_BEFORE_DEATH: Duration = Duration::from_millis(300);
 /// How long anything may take of which a test waits for the end.
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// Robots that are interrupted at the same time: a suspended command takes no processor, but three
-/// robots, their commands and other tests do.
+/// Robots that are interrupted at the same time: a suspended command takes no processor. Each is
+/// at a pseudo-terminal, whose bytes wait for a worker of the kernel; where other programs keep all
+/// processors busy, that worker may come to nothing for seconds, and a client gives up.
 const ROBOTS: u64 = 3;
 
 /// What becomes of a command in the middle of an upload.

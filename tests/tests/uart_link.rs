@@ -8,6 +8,7 @@ use std::fs;
 use std::io::{Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixListener;
+use std::path::Path;
 use std::thread;
 
 use esm_link::frames::configuration::{Configuration, Content};
@@ -34,6 +35,20 @@ const MISSION: &str = "\
     No -> Wrong on pulse [.errors]; Yes -> Wrong on pulse [.errors];\n\
     No -> Yes on pulse [.d and not .errors];\n\
     Yes -> No on pulse [.back_available and not .d and not .errors]; } }";
+
+/// The words of `esm` that run a mission with a firmware of the emulated board.
+fn run_of<'a>(mission: &'a str, firmware: &'a Path, until: &'a str) -> Vec<&'a str> {
+    let firmware = firmware.to_str().unwrap();
+    let of_board = [
+        "run",
+        mission,
+        "--board",
+        "lm3s6965",
+        "--firmware",
+        firmware,
+    ];
+    [&of_board[..], &["--world", "office", "--until", until]].concat()
+}
 
 #[test]
 fn what_the_board_sends_over_its_uart_it_can_receive() {
@@ -66,22 +81,8 @@ fn what_the_board_sends_over_its_uart_it_can_receive() {
     );
     let firmware = firmware_with_links();
     let (mission, trace) = (path("echo.esm"), path("trace.jsonl"));
-    let arguments = [
-        "run",
-        &mission,
-        "--board",
-        "lm3s6965",
-        "--firmware",
-        firmware.to_str().unwrap(),
-        "--world",
-        "office",
-        "--until",
-        "5 s",
-        "--link",
-        "uart",
-        "--trace",
-        &trace,
-    ];
+    let mut arguments = run_of(&mission, &firmware, "5 s");
+    arguments.extend(["--link", "uart", "--trace", &trace]);
     esm_in(&[("PATH", &search)], &arguments).good();
     let bytes = echo.join().unwrap();
     let configuration = Configuration::of(1, Content::Flags(2), 16, 100_000);
@@ -126,19 +127,7 @@ fn a_mission_with_links_is_refused_where_they_are_not_and_before_it_is_sent() {
     fs::write(&mission, MISSION).unwrap();
     let mission = mission.to_str().unwrap();
     let firmware = firmware("rover");
-    let done = esm(&[
-        "run",
-        mission,
-        "--board",
-        "lm3s6965",
-        "--firmware",
-        firmware.to_str().unwrap(),
-        "--world",
-        "office",
-        "--until",
-        "1 s",
-    ])
-    .ended(1);
+    let done = esm(&run_of(mission, &firmware, "1 s")).ended(1);
     assert!(done.err.contains("--with links"), "{}", done.err);
     assert!(!done.out.contains("upload |"), "{}", done.out);
     // A board for which no firmware has them says so without a robot.

@@ -5,17 +5,7 @@
 #[macro_export]
 macro_rules! app {
     ($($firmware:tt)*) => {
-        $crate::cortex_m_board::app! {
-            board($crate);
-            interrupts(
-                slots: TIMER_0A,
-                wire: UART0,
-                plant_line: TIMER_1A,
-                watchdog: WATCHDOG_TIMER_0,
-                link: SSI0,
-            );
-            $($firmware)*
-        }
+        $crate::app_with! { [] $($firmware)* }
     };
 }
 
@@ -25,6 +15,15 @@ macro_rules! app {
 #[macro_export]
 macro_rules! app {
     ($($firmware:tt)*) => {
+        $crate::app_with! { [frames: Line(TIMER_2A, UART1),] $($firmware)* }
+    };
+}
+
+/// What both have in common.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! app_with {
+    ([$($frames:tt)*] $($firmware:tt)*) => {
         $crate::cortex_m_board::app! {
             board($crate);
             interrupts(
@@ -32,7 +31,7 @@ macro_rules! app {
                 wire: UART0,
                 plant_line: TIMER_1A,
                 watchdog: WATCHDOG_TIMER_0,
-                frames: Line(TIMER_2A, UART1),
+                $($frames)*
                 link: SSI0,
             );
             $($firmware)*

@@ -147,6 +147,19 @@ pub fn run(plan: Plan, hear: &mut Hear<'_>) -> Result<Outcome, SystemError> {
     })
 }
 
+/// One more beside those that run, each of which may live longer than it.
+fn joined<'r, 'l: 'r>(
+    running: Vec<&'r mut (dyn InStep + 'l)>,
+    run: &'r mut (dyn InStep + 'r),
+) -> Vec<&'r mut (dyn InStep + 'r)> {
+    let running = running.into_iter();
+    let mut all: Vec<_> = running
+        .map(|other| other as &mut (dyn InStep + 'r))
+        .collect();
+    all.push(run);
+    all
+}
+
 /// Makes the next processor around those that there are, since a robot's maker lends its tasks to a
 /// function; lets all run when they are complete.
 fn nest(
@@ -188,11 +201,7 @@ fn nest(
             length,
         );
         let mut run = run.map_err(of_board)?;
-        let mut all: Vec<&mut dyn InStep> = running
-            .into_iter()
-            .map(|other| other as &mut dyn InStep)
-            .collect();
-        all.push(&mut run);
+        let all = joined(running, &mut run);
         nest(plan, all, (shared, ends), ended, hear)?;
         ended.push(run.finish().map_err(of_board)?);
         return Ok(());
@@ -221,11 +230,7 @@ fn nest(
                 let member = next.member.clone();
                 let run = RunningProcessor::switch_on(sides, &pins, behind, member, own, length);
                 let mut run = run.map_err(of_board)?;
-                let mut all: Vec<&mut dyn InStep> = running
-                    .into_iter()
-                    .map(|other| other as &mut dyn InStep)
-                    .collect();
-                all.push(&mut run);
+                let all = joined(running, &mut run);
                 nest(plan, all, (shared, ends), ended, hear)?;
                 ended.push(run.finish().map_err(of_board)?);
                 Ok(())
