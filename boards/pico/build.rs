@@ -4,5 +4,9 @@
 fn main() {
     board_settings::write();
     board_settings::linker_script("pico.x");
-    robot_file::build("robot.toml");
+    let has_sensors = std::env::var_os("CARGO_FEATURE_SENSORS").is_some();
+    robot_file::build(match has_sensors {
+        true => "sensors.toml",
+        false => "robot.toml",
+    });
 }

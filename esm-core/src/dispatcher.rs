@@ -1,10 +1,14 @@
 //! Which slot runs when: a tournament of slots, won by the one with the earliest nominal start.
 //!
 //! Times are whole microseconds since the origin of the schedule, and every start is the one before
-//! plus the period: nothing drifts, and no counter wraps in the life of a robot. Taking an
-//! activation replays the winner's matches, one comparison for each level of the tournament:
-//! logarithmic in the number of slots, and the same number for all of them, or one less. No table
-//! is as long as the hyperperiod.
+//! plus the period: nothing drifts, and no counter wraps in the life of a robot. No table is as
+//! long as the hyperperiod.
+//!
+//! Slots of one period always start in the same order. So they are one ring, of which the next one
+//! takes part in the tournament. Taking an activation replays the winner's matches, one comparison
+//! for each level of the tournament: logarithmic in the number of different periods. Where a slot
+//! has missed its start by a whole period, the order is another for a while. Then each slot takes
+//! part by itself, until the base moves on and the order is as it was.
 //!
 //! Slots are compared by words of 32 bits: the time from a base to the next start, if it is less
 //! than eight seconds, and the slot's index. So the activation that is taken on time costs no
@@ -61,6 +65,11 @@ const FAR_US: u32 = FAR >> SLOT_BITS;
 /// When a start that is so far from the base is taken, the base moves on.
 const REBASE_US: u32 = FAR_US / 2;
 
+/// What is added to a key for a later start; [`FAR`] where that is too much.
+fn key_of(us: u32) -> Key {
+    us.min(FAR_US) << SLOT_BITS
+}
+
 /// The index in a key.
 fn slot_of(key: Key) -> usize {
     (key % (1 << SLOT_BITS)) as usize
@@ -93,23 +102,44 @@ impl Near {
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     period_us: u32,
-    /// The period as what is added to a key; [`FAR`] where that would be more.
-    period: Key,
+    /// What is added to the slot's key for that of its [successor](Self::successor); [`FAR`] where
+    /// the period would be more.
+    step: Key,
     missed: u32,
-    /// The slot's first match, for as many slots as there are.
-    first_match: u32,
-    /// The next nominal start, where its key says that it is far.
+    /// The first match of the slot's ring, or of the slot, for as many players as there are.
+    first_match: u16,
+    /// The slot's neighbour in the ring of its period; itself, if it is alone.
+    neighbour: u8,
+    /// The next nominal start, where its key says that it is far, or starts are being looked at.
     start_us: u64,
 }
 
 impl Entry {
     const UNUSED: Self = Self {
         period_us: 0,
-        period: 0,
+        step: 0,
         missed: 0,
         first_match: 0,
+        neighbour: 0,
         start_us: 0,
     };
+
+    /// Who plays when an activation of this slot was taken: its neighbour, or, where slots play by
+    /// themselves, the slot itself.
+    #[inline]
+    fn successor(&self, slot: usize) -> usize {
+        slot_of((slot as Key).wrapping_add(self.step))
+    }
+
+    /// From the start of an activation of this slot to that of its successor.
+    #[inline]
+    fn gap_us(&self, slot: usize) -> u32 {
+        let indices = (self.successor(slot) as Key).wrapping_sub(slot as Key);
+        match self.step {
+            FAR => self.period_us,
+            step => step.wrapping_sub(indices) >> SLOT_BITS,
+        }
+    }
 }
 
 /// Hands out the activations of up to `SLOTS` slots, at most 256, in the order of their nominal
@@ -135,11 +165,13 @@ pub struct Dispatcher<const SLOTS: usize> {
 pub struct SlotQueue<S: ?Sized = [Seat]> {
     /// No slot's next start is before this.
     base_us: u64,
-    len: usize,
+    len: u16,
+    /// Rings, or slots where these play by themselves.
+    players: u16,
     /// The key of the slot that won all matches.
     winner: Key,
-    /// The tournament. Match `m`, from 1 to `len - 1`, is between the winners of the matches `2m`
-    /// and `2m + 1`; the slot with index `i` enters at the place of match `len + i`. The key of the
+    /// The tournament. Match `m`, from 1 to `players - 1`, is between the winners of the matches
+    /// `2m` and `2m + 1`; player `i` enters at the place of match `players + i`. The key of the
     /// loser of match `m` is kept in seat `m - 1`.
     seats: S,
 }
@@ -161,6 +193,7 @@ impl<const SLOTS: usize> Dispatcher<SLOTS> {
             slots: SlotQueue {
                 base_us: 0,
                 len: 0,
+                players: 0,
                 winner: ABSENT,
                 seats: [Seat {
                     entry: Entry::UNUSED,
@@ -204,6 +237,7 @@ impl SlotQueue {
     ///
     /// # Errors
     /// See [`DispatcherError`].
+    #[inline]
     pub fn restart_at(
         &mut self,
         slots: impl ExactSizeIterator<Item = Slot>,
@@ -232,15 +266,98 @@ impl SlotQueue {
             }
             seat.entry = Entry {
                 period_us: slot.period_us,
-                period: slot.period_us.min(FAR_US) << SLOT_BITS,
-                missed: 0,
-                first_match: (len + index) as u32 / 2,
+                neighbour: index as u8,
                 start_us,
+                ..Entry::UNUSED
             };
         }
-        self.len = len;
-        self.play_all();
+        // An index fits into a byte, so the number of them into this.
+        self.len = len as u16;
+        self.find_keys();
+        for slot in 1..len {
+            self.join_ring(slot);
+        }
+        self.play_all(true);
         Ok(())
+    }
+
+    #[inline]
+    fn entry(&self, slot: usize) -> Entry {
+        self.seats
+            .get(slot)
+            .map_or(Entry::UNUSED, |seat| seat.entry)
+    }
+
+    /// The key in a seat.
+    #[inline]
+    fn key_at(&self, slot: usize) -> Key {
+        self.seats.get(slot).map_or(FAR, |seat| seat.key)
+    }
+
+    /// Moves the base to the earliest start, and puts the key of each slot into its seat, where
+    /// those of losers were. Entries have their next starts.
+    #[inline(never)]
+    fn find_keys(&mut self) {
+        let len = usize::from(self.len);
+        let starts_us = self.seats.iter().take(len).map(|seat| seat.entry.start_us);
+        self.base_us = starts_us.min().unwrap_or(0);
+        for slot in 0..len {
+            let key = self.key(slot, self.entry(slot).start_us);
+            if let Some(seat) = self.seats.get_mut(slot) {
+                seat.key = key;
+            }
+        }
+    }
+
+    /// A slot takes its place among those before it that have its period. All have their keys.
+    #[inline(never)]
+    fn join_ring(&mut self, slot: usize) {
+        let (period_us, key) = (self.entry(slot).period_us, self.key_at(slot));
+        let mut others = (0..slot).rev();
+        let Some(mut before) = others.find(|other| self.entry(*other).period_us == period_us)
+        else {
+            return;
+        };
+        if period_us >= FAR_US {
+            return;
+        }
+        let mut after = before;
+        // As a rule slots are listed in the order in which they start.
+        for _ in 0..slot {
+            after = self.entry(before).neighbour.into();
+            let (from, to) = (self.key_at(before), self.key_at(after));
+            let (is_behind, is_ahead) = (from < key, key < to);
+            // Between the last one and the first one is who is behind that or ahead of this.
+            if is_behind && is_ahead || from >= to && (is_behind || is_ahead) {
+                break;
+            }
+            before = after;
+        }
+        for (of, neighbour) in [(slot, after), (before, slot)] {
+            if let Some(seat) = self.seats.get_mut(of) {
+                seat.entry.neighbour = neighbour as u8;
+            }
+        }
+    }
+
+    /// What is added to the key of a slot for that of its neighbour, where the slot has nothing
+    /// else in between; and whether the slot is the last one of its ring. All have their keys.
+    #[inline(never)]
+    fn step_to_neighbour(&self, slot: usize) -> (Option<Key>, bool) {
+        let entry = self.entry(slot);
+        let neighbour = usize::from(entry.neighbour);
+        let period = key_of(entry.period_us);
+        let (key, next) = (self.key_at(slot), self.key_at(neighbour));
+        let is_last = next <= key;
+        // The key of who starts in seven seconds and of who starts in seven more fit into a word.
+        let next = if is_last {
+            next.wrapping_add(period)
+        } else {
+            next
+        };
+        let step = next.wrapping_sub(key);
+        let is_near = neighbour == slot || key < FAR && next >= key && (is_last || step < period);
+        (is_near.then_some(step), is_last)
     }
 
     /// The earliest activation that was not taken: what the slot timer must be set to.
@@ -255,28 +372,40 @@ impl SlotQueue {
         }
     }
 
+    /// The same, counted from the [base](Self::base_us).
+    #[must_use]
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub fn next_near(&self) -> Near {
+        Near(self.winner)
+    }
+
     /// Takes the earliest activation if it is due at `now_us`, which must not lie before an earlier
     /// call's.
     ///
     /// An activation whose whole period has passed is missed: it is counted and skipped, and the
     /// slot goes on with the one that `now_us` falls into. So one slot is handed out at most once a
     /// period, however late the caller is.
+    #[inline(never)]
     pub fn take(&mut self, now_us: u64) -> Option<Activation> {
         if self.is_empty() {
             return None;
         }
         let mut activation = self.next();
         let late_us = now_us.checked_sub(activation.start_us)?;
-        let entry = &mut self.seats.get_mut(activation.slot)?.entry;
-        let period_us = u64::from(entry.period_us);
-        if late_us >= period_us {
+        let entry = self.entry(activation.slot);
+        if late_us >= u64::from(entry.period_us) {
+            if entry.successor(activation.slot) != activation.slot {
+                self.note_starts();
+                self.play_all(false);
+            }
             let missed = periods_in(late_us, entry.period_us);
-            activation.start_us += missed * period_us;
+            activation.start_us += missed * u64::from(entry.period_us);
+            let entry = &mut self.seats.get_mut(activation.slot)?.entry;
             entry.missed = entry
                 .missed
                 .saturating_add(u32::try_from(missed).unwrap_or(u32::MAX));
         }
-        self.put(activation.slot, activation.start_us + period_us);
+        self.go_on_after(activation);
         Some(activation)
     }
 
@@ -294,8 +423,8 @@ impl SlotQueue {
     pub fn take_near(&mut self) -> Option<(Near, Near)> {
         let taken = Near(self.winner);
         let entry = &self.seats.get(taken.slot())?.entry;
-        // The earliest start is near, and a period at most FAR.
-        let key = self.winner.wrapping_add(entry.period);
+        // The earliest start is near, and what is added at most FAR.
+        let key = self.winner.wrapping_add(entry.step);
         if key >= FAR {
             return None;
         }
@@ -306,26 +435,29 @@ impl SlotQueue {
 
     /// Takes the earliest activation, whichever time it is: for a caller who knows that it is due
     /// and that its period has not passed.
-    #[inline(never)]
+    #[inline]
     pub fn take_on_time(&mut self) {
-        let Activation { slot, start_us } = self.next();
-        self.put(slot, start_us + u64::from(self.period_us(slot)));
+        self.go_on_after(self.next());
     }
 
-    /// The slot of the earliest activation starts next at this time.
-    fn put(&mut self, slot: usize, start_us: u64) {
-        let Some(seat) = self.seats.get_mut(slot) else {
-            return;
-        };
-        seat.entry.start_us = start_us;
-        let first_match = seat.entry.first_match;
+    /// An activation was taken: the slot's successor plays.
+    #[inline(never)]
+    fn go_on_after(&mut self, taken: Activation) {
+        let entry = self.entry(taken.slot);
+        let slot = entry.successor(taken.slot);
+        let start_us = taken.start_us + u64::from(entry.gap_us(taken.slot));
+        if let Some(seat) = self.seats.get_mut(slot) {
+            seat.entry.start_us = start_us;
+        }
         let key = self.key(slot, start_us);
-        let winner = self.replay(first_match, key);
+        let winner = self.replay(entry.first_match, key);
         if winner.is_some_and(|winner| winner >> SLOT_BITS >= REBASE_US) {
-            self.rebase();
+            self.note_starts();
+            self.play_all(true);
         }
     }
 
+    #[inline]
     fn key(&self, slot: usize, start_us: u64) -> Key {
         match u32::try_from(start_us - self.base_us) {
             Ok(since_us) if since_us < FAR_US => since_us << SLOT_BITS | slot as Key,
@@ -333,54 +465,95 @@ impl SlotQueue {
         }
     }
 
-    /// Moves the base to the earliest start.
+    /// Notes the next start of each slot, to [play](Self::play_all) anew.
     #[cold]
     #[inline(never)]
-    fn rebase(&mut self) {
-        let matches = self.len.saturating_sub(1);
-        for place in 0..=matches {
+    fn note_starts(&mut self) {
+        for place in 0..usize::from(self.players) {
             let key = match place.checked_sub(1) {
                 None => self.winner,
-                Some(loser) => self.seats.get(loser).map_or(FAR, |seat| seat.key),
+                Some(loser) => self.key_at(loser),
             };
-            if key < FAR
-                && let Some(seat) = self.seats.get_mut(slot_of(key))
-            {
-                seat.entry.start_us = self.base_us + u64::from(key >> SLOT_BITS);
+            let first = slot_of(key);
+            let mut start_us = match key < FAR {
+                true => self.base_us + u64::from(key >> SLOT_BITS),
+                false => self.entry(first).start_us,
+            };
+            let mut slot = first;
+            // A ring has no more slots than there are.
+            for _ in 0..self.len {
+                let Some(seat) = self.seats.get_mut(slot) else {
+                    break;
+                };
+                seat.entry.start_us = start_us;
+                start_us += u64::from(seat.entry.gap_us(slot));
+                slot = seat.entry.successor(slot);
+                if slot == first {
+                    break;
+                }
             }
         }
-        self.play_all();
     }
 
-    /// Plays all matches, from the earliest start on. Entries have their next starts.
-    fn play_all(&mut self) {
-        let seats = self.seats.iter().take(self.len);
-        let starts_us = seats.map(|seat| seat.entry.start_us);
-        self.base_us = starts_us.min().unwrap_or(0);
+    /// Plays all matches, from the earliest start on. Entries have their next starts. Slots of one
+    /// period are one player, if they may be and their next starts are in the order of their ring.
+    #[inline(never)]
+    fn play_all(&mut self, in_rings: bool) {
+        self.find_keys();
+        let mut in_rings = in_rings;
+        let mut rings = 0;
+        for slot in 0..usize::from(self.len) {
+            let (step, is_last) = self.step_to_neighbour(slot);
+            rings += u16::from(is_last);
+            in_rings &= step.is_some();
+            if let Some(seat) = self.seats.get_mut(slot) {
+                seat.entry.step = step.unwrap_or(0);
+            }
+        }
+        self.players = if in_rings { rings } else { self.len };
         self.winner = ABSENT;
         for seat in &mut self.seats {
             seat.key = ABSENT;
         }
-        for slot in 0..self.len {
-            let Some(seat) = self.seats.get(slot) else {
-                return;
-            };
-            let (start_us, first_match) = (seat.entry.start_us, seat.entry.first_match);
+        let mut player = 0;
+        for slot in 0..usize::from(self.len) {
+            if !in_rings && let Some(seat) = self.seats.get_mut(slot) {
+                seat.entry.step = key_of(seat.entry.period_us);
+            }
+            let entry = self.entry(slot);
+            let first = entry.successor(slot);
+            // The last one of a ring is followed by the first one; who is alone, by itself.
+            if (entry.start_us, slot) < (self.entry(first).start_us, first) {
+                continue;
+            }
+            let first_match = (self.players + player) / 2;
+            player += 1;
+            let mut member = first;
+            for _ in 0..self.len {
+                let Some(seat) = self.seats.get_mut(member) else {
+                    break;
+                };
+                seat.entry.first_match = first_match;
+                member = seat.entry.successor(member);
+                if member == first {
+                    break;
+                }
+            }
             // Who was absent won so far, and is replaced.
-            self.replay(first_match, self.key(slot, start_us));
+            self.replay(first_match, self.key(first, self.entry(first).start_us));
         }
     }
 
-    /// Plays the winner's matches anew, from the slot's first one on, with its next key, and
+    /// Plays the winner's matches anew, from its first one on, with its successor's key, and
     /// returns the key of who wins. It met, on its way from where it entered to the final,
     /// everybody who can be the earliest now. `None`, and nothing is done, where there is no such
     /// match.
     #[inline]
-    fn replay(&mut self, first_match: u32, key: Key) -> Option<Key> {
+    fn replay(&mut self, first_match: u16, key: Key) -> Option<Key> {
         let mut player = key;
-        // The seats up to that of the slot's next match: half as many lead to the match after it.
+        // The seats up to that of the player's next match: half as many lead to the match after it.
         // So no index is compared with a length.
-        let mut way = self.seats.get_mut(..first_match as usize)?;
+        let mut way = self.seats.get_mut(..usize::from(first_match))?;
         loop {
             let before = way.len() / 2;
             let Some(other) = way.last_mut() else {
@@ -411,7 +584,7 @@ impl SlotQueue {
     /// Number of slots.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.len
+        self.len.into()
     }
 
     /// Whether it is [idle](Dispatcher::idle) and hands out nothing.
@@ -530,6 +703,104 @@ mod tests {
             assert_eq!(near.next(), plain.next());
         }
         assert!(taken > 49_000 && left > 10, "{taken} and {left}");
+    }
+
+    /// What the next starts of these slots are, one by one.
+    struct Starts(Vec<(u64, usize, u64)>);
+
+    impl Starts {
+        fn new(slots: &[Slot]) -> Self {
+            let starts = slots.iter().enumerate();
+            let start =
+                |(index, slot): (_, &Slot)| (slot.start_us.into(), index, slot.period_us.into());
+            Starts(starts.map(start).collect())
+        }
+
+        /// Takes the earliest one at this time, or when it is due. Answers it, and how many were
+        /// missed.
+        fn take(&mut self, now_us: u64) -> (Activation, u64) {
+            let next = self.0.iter_mut().min().unwrap();
+            let missed = now_us.saturating_sub(next.0) / next.2;
+            let taken = Activation {
+                slot: next.1,
+                start_us: next.0 + missed * next.2,
+            };
+            next.0 = taken.start_us + next.2;
+            (taken, missed)
+        }
+    }
+
+    #[test]
+    fn slots_of_one_period_come_in_their_order_whatever_was_missed() {
+        let sets: [&[(u32, u32)]; 6] = [
+            // Starts that are listed out of order, equal ones, and beside them another period.
+            &[(900, 700), (900, 0), (400, 7), (900, 350), (900, 350)],
+            // Periods that are almost too far, and too far, for a key.
+            &[(FAR_US - 1, 5), (FAR_US - 1, 6_000_000), (FAR_US - 1, 5)],
+            &[(5_000_000, 4_999_999), (5_000_000, 1), (1_000_000, 3)],
+            &[(FAR_US, 1), (FAR_US, 0), (FAR_US + 1, 9), (FAR_US + 1, 9)],
+            &[(1, 0), (1, 0), (2, 1)],
+            // A first start that is behind the first period.
+            &[(1_000, 2_500), (1_000, 0), (1_000, 20_000_000)],
+        ];
+        for set in sets {
+            let slots: Vec<_> = set
+                .iter()
+                .map(|&(period, start)| slot(period, start))
+                .collect();
+            // Every so many activations one comes late by so many periods of the first slot.
+            for (every, periods) in [(u32::MAX, 0), (7, 1), (13, 3), (50, 1_000_000)] {
+                let mut dispatcher = dispatcher(&slots);
+                let mut starts = Starts::new(&slots);
+                let mut missed = Vec::from([0_u64; 5]);
+                for count in 1..20_000 {
+                    let next = dispatcher.next();
+                    let late_us = match count % every {
+                        0 => u64::from(slots[0].period_us) * periods + 1,
+                        _ => 0,
+                    };
+                    let now_us = next.start_us + late_us;
+                    let (expected, of_it) = starts.take(now_us);
+                    missed[expected.slot] += of_it;
+                    let found = match late_us {
+                        0 if count % 2 == 0 => {
+                            if dispatcher.take_near().is_none() {
+                                dispatcher.take_on_time();
+                            }
+                            next
+                        }
+                        _ => dispatcher.take(now_us).unwrap(),
+                    };
+                    assert_eq!(found, expected, "{set:?}, {count}");
+                }
+                for (slot, missed) in (0..set.len()).zip(missed) {
+                    let missed = u32::try_from(missed).unwrap_or(u32::MAX);
+                    assert_eq!(dispatcher.missed(slot), missed, "{set:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn slots_of_one_period_are_one_player_until_one_has_missed_its_start() {
+        let slots = [slot(900, 700), slot(400, 7), slot(900, 0), slot(900, 350)];
+        let mut dispatcher = dispatcher(&slots);
+        assert_eq!(dispatcher.players, 2);
+        let first_us = dispatcher.next().start_us;
+        dispatcher.take(first_us + 899).unwrap();
+        assert_eq!(dispatcher.players, 2, "late, but not missed");
+        while dispatcher.next().slot == 1 {
+            dispatcher.take_on_time();
+        }
+        let next_us = dispatcher.next().start_us;
+        dispatcher.take(next_us + 900).unwrap();
+        assert_eq!(dispatcher.players, 4);
+        // The base moves on, and what was late has caught up.
+        while dispatcher.base_us() < u64::from(REBASE_US) {
+            let next_us = dispatcher.next().start_us;
+            dispatcher.take(next_us).unwrap();
+        }
+        assert_eq!(dispatcher.players, 2);
     }
 
     #[test]

@@ -553,14 +553,6 @@ impl<'a> Tables<'a> {
         self.bytes.get(at..).unwrap_or(&[])
     }
 
-    /// Where the first of so many records of a section is, from this one on, if there are so many.
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(crate) fn place_of(&self, section: Section, first: usize, count: usize) -> Option<usize> {
-        let (start, records) = self.sections[section as usize];
-        let is_inside = first + count <= records as usize;
-        is_inside.then(|| start as usize + first * record_bytes(section))
-    }
-
     /// Number of records of a section.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn count(&self, section: Section) -> usize {

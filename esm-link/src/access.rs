@@ -89,6 +89,8 @@ pub fn needs(request: &Request<'_>) -> Needs {
         }
         // They bring a signature, and verifying takes time.
         Request::Sign { .. } | Request::Signed { .. } => Needs::Session,
+        // Whoever changes the rate keeps others from the line for a while.
+        Request::Selftest { .. } => Needs::Session,
         // Many in a second: a signature each would take longer than they hold, and they hold for a
         // moment alone.
         Request::Drive { .. } | Request::EndDrive => Needs::Session,

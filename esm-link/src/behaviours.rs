@@ -81,6 +81,17 @@ pub enum BehaviourRequest<'a> {
         /// [`Correction::to_bytes`](crate::position::Correction::to_bytes) makes them.
         position: &'a [u8],
     },
+    /// The script that was run last is kept in flash, beside the mission that runs: the robot runs
+    /// it each time that it starts with that mission. Answered when the flash has it.
+    KeepScript {
+        /// Which script; 0 for none any more.
+        script: u32,
+    },
+    /// Which script is kept? Answer:
+    /// [`Response::BehaviourList`](crate::message::Response::BehaviourList), with the script and
+    /// without entries. Its state is [`ScriptState::Runs`] where it is kept for the mission that
+    /// runs, and [`ScriptState::Ended`] where it is for another.
+    KeptScript,
 }
 
 /// A behaviour, with its parameters and situations.

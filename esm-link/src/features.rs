@@ -29,11 +29,14 @@ pub enum Feature {
     Behaviours = 9,
     /// Missions can have links.
     Links = 10,
+    /// The board tells what it has measured of itself, and its line can have another rate for a
+    /// while.
+    Selftest = 11,
 }
 
 impl Feature {
     /// All of them, by their bits.
-    pub const ALL: [Feature; 11] = [
+    pub const ALL: [Feature; 12] = [
         Feature::Record,
         Feature::Log,
         Feature::StatusEvent,
@@ -45,6 +48,7 @@ impl Feature {
         Feature::Telemetry,
         Feature::Behaviours,
         Feature::Links,
+        Feature::Selftest,
     ];
 
     /// What a board's crate calls it.
@@ -61,6 +65,7 @@ impl Feature {
             Feature::Telemetry => "telemetry",
             Feature::Behaviours => "behaviours",
             Feature::Links => "links",
+            Feature::Selftest => "selftest",
         }
     }
 

@@ -115,6 +115,30 @@ pub(crate) fn stuff(plain: &mut [u8]) -> u8 {
     distance
 }
 
+/// Takes COBS off fewer than [`COBS_GROUP_BYTES`] bytes where they lie: the inverse of [`stuff`],
+/// with the byte before them. Each distance gives way to a 0, so that no byte is moved. None where
+/// the bytes are not what COBS makes of something.
+pub(crate) fn unstuff(stuffed: &mut [u8]) -> Option<&mut [u8]> {
+    let length = stuffed.len();
+    if length > COBS_GROUP_BYTES {
+        return None;
+    }
+    let mut at = 0;
+    while let Some(place) = stuffed.get_mut(at) {
+        let distance = core::mem::replace(place, DELIMITER);
+        if distance == DELIMITER {
+            return None;
+        }
+        at += usize::from(distance);
+    }
+    // The last distance leads to the delimiter.
+    if at == length {
+        stuffed.get_mut(1..)
+    } else {
+        None
+    }
+}
+
 /// Reads the message of a frame, whose delimiter may be left out. The bytes are decoded in place,
 /// and the message borrows them.
 ///
@@ -222,6 +246,30 @@ mod tests {
     #[test]
     fn the_checksum_is_the_usual_one() {
         assert_eq!(checksum(b"123456789"), 0xcbf4_3926);
+    }
+
+    #[test]
+    fn cobs_is_taken_off_as_it_was_put_on() {
+        let long = [7; COBS_GROUP_BYTES - 1];
+        let texts: [&[u8]; 6] = [b"", b"\0", b"\0\0", b"one\0two\0", b"\0one", &long];
+        for plain in texts {
+            let mut bytes = [&[0], plain].concat();
+            bytes[0] = stuff(&mut bytes[1..]);
+            assert!(!bytes.contains(&DELIMITER));
+            let mut other = bytes.clone();
+            let length = cobs::decode_in_place(&mut other).unwrap();
+            assert_eq!(&other[..length], plain);
+            assert_eq!(unstuff(&mut bytes), Some(&mut plain.to_vec()[..]));
+        }
+    }
+
+    #[test]
+    fn what_cobs_never_makes_is_refused() {
+        // A distance beyond the end, one of 0, none at all, and more than a group.
+        let cases: [&[u8]; 5] = [&[3, 1], &[1, 0, 1], &[0], &[], &[1; COBS_GROUP_BYTES + 1]];
+        for bytes in cases {
+            assert_eq!(unstuff(&mut bytes.to_vec()), None, "{bytes:?}");
+        }
     }
 
     #[test]

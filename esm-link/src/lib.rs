@@ -62,6 +62,7 @@ pub mod position;
 #[cfg(feature = "keys")]
 pub mod proof;
 pub mod recording;
+pub mod selftest;
 pub mod telemetry;
 pub mod trace;
 

@@ -14,8 +14,9 @@ pub use esm_client::{
 };
 pub use esm_toolkit::{
     behaviour_words, boards, bound, clean, compile, counters, diagram, fit, goal, host_run,
-    inspect, language_server, medium, model, nearest, odometry, parameters, pictures, schedule,
-    script, selftest, sim, system, task_page, timetable, trace, trace_events, tune, world,
+    inspect, language_server, link_node, medium, model, nearest, odometry, parameters, pictures,
+    schedule, script, selftest, sim, system, task_page, timetable, trace, trace_events, tune,
+    world,
 };
 
 /// The language front end, and its files on disk.

@@ -2,13 +2,16 @@
 
 use std::ops::RangeInclusive;
 
-use crate::{Motor, PwmAndDirection, Robot, TwoInputs, eighths};
+use crate::{Motor, PwmAndDirection, Robot, Sonar, TwoInputs, eighths};
 
 /// Directions that sonars look, or more than one: a robot tells eight apart.
 const MOST_SONARS: usize = 8;
 
 /// Outputs that the runtime gives a robot's own drivers: `AUX_OUTPUTS` of `rt_firmware::body`.
 pub(crate) const OUTPUTS: usize = 4;
+
+/// Addresses that a device on an I2C bus may have (UM10204, table 4).
+const ADDRESSES: RangeInclusive<u8> = 0x08..=0x77;
 
 /// A pin, and what it is for, as the file names it.
 struct Use {
@@ -21,6 +24,7 @@ pub(crate) fn problems(robot: &Robot) -> Vec<String> {
     let mut problems = measures(robot);
     problems.extend(pins(robot));
     problems.extend(sonars(robot));
+    problems.extend(bus(robot));
     if robot.file.outputs.len() > OUTPUTS {
         problems.push(format!(
             "there are {} `outputs`: a robot has up to {OUTPUTS}",
@@ -114,7 +118,9 @@ fn uses(robot: &Robot) -> Vec<Use> {
         add(wheel.encoder.b, format!("{side}.encoder.b"));
     }
     for (place, sonar) in file.sonars.iter().enumerate() {
-        add(sonar.trigger, format!("sonars[{place}].trigger"));
+        if let Some((trigger, _)) = sonar.pins() {
+            add(trigger, format!("sonars[{place}].trigger"));
+        }
     }
     for (pin, places) in file.echoes() {
         add(pin, format!("sonars[{}].echo", places[0]));
@@ -124,6 +130,13 @@ fn uses(robot: &Robot) -> Vec<Use> {
         add(pin, format!("floor.{place}"));
     }
     add(file.stop_button.pin, "stop_button.pin".to_owned());
+    for (place, pin) in file.bumpers.iter().flat_map(|it| it.switches()) {
+        add(pin, format!("bumpers.{place}"));
+    }
+    if let Some(bus) = file.i2c {
+        add(bus.sda, "i2c.sda".to_owned());
+        add(bus.scl, "i2c.scl".to_owned());
+    }
     for (place, pin) in file.outputs.iter().enumerate() {
         add(*pin, format!("outputs[{place}]"));
     }
@@ -207,9 +220,23 @@ fn sonars(robot: &Robot) -> Vec<String> {
                 sonar.looks_deg
             ));
         }
+        let has = [
+            sonar.trigger.is_some(),
+            sonar.echo.is_some(),
+            sonar.chip.is_some(),
+            sonar.address.is_some(),
+        ];
+        if !matches!(has, [true, true, false, false] | [false, false, true, true]) {
+            problems.push(format!(
+                "`sonars[{place}]` has `trigger` and `echo`, where it has two pins, \
+                 or `chip` and `address`, where it is at the I2C bus"
+            ));
+        }
         for (earlier, other) in sonars[..place].iter().enumerate() {
             let way = eighths(sonar.looks_deg).abs_diff(eighths(other.looks_deg));
-            if sonar.echo == other.echo && way.min(8 - way) > 1 {
+            let echo = |sonar: &Sonar| sonar.pins().map(|(_, echo)| echo);
+            let is_shared = echo(sonar).is_some() && echo(sonar) == echo(other);
+            if is_shared && way.min(8 - way) > 1 {
                 problems.push(format!(
                     "`sonars[{earlier}]` and `sonars[{place}]` share an echo pin and look more than 45° apart: \
                      they ping at once, so give one of them another pin"
@@ -224,6 +251,50 @@ fn sonars(robot: &Robot) -> Vec<String> {
             echoes.len(),
             robot.board(),
             robot.pins.echo_pins
+        ));
+    }
+    problems
+}
+
+fn bus(robot: &Robot) -> Vec<String> {
+    let file = &robot.file;
+    let devices = file.at_the_bus();
+    let mut problems = Vec::new();
+    match (file.i2c, &devices[..]) {
+        (None, [(part, what, _), ..]) => problems.push(format!(
+            "`{part}` is a {what}, and the file has no bus for it: add `[i2c]` with `sda` and `scl`"
+        )),
+        (Some(_), []) => problems.push(
+            "`i2c` is a bus that nothing is at: leave it out, or add what is at it".to_owned(),
+        ),
+        _ => {}
+    }
+    for (place, (part, _, address)) in devices.iter().enumerate() {
+        if !ADDRESSES.contains(address) {
+            problems.push(format!(
+                "`{part}` is at address 0x{address:02X}: it is one of 7 bits, between 0x{:02X} and 0x{:02X}; \
+                 Devantech prints twice that",
+                ADDRESSES.start(),
+                ADDRESSES.end()
+            ));
+        }
+        if let Some((earlier, ..)) = devices[..place].iter().find(|it| it.2 == *address) {
+            problems.push(format!(
+                "`{earlier}` and `{part}` are both at address 0x{address:02X} of the bus: \
+                 give one of them another address"
+            ));
+        }
+    }
+    if let Some(bus) = file.i2c
+        && !robot.pins.i2c.contains(&[bus.sda, bus.scl])
+    {
+        let pair = |[sda, scl]: &[u8; 2]| format!("{sda} and {scl}");
+        let pairs: Vec<String> = robot.pins.i2c.iter().map(pair).collect();
+        problems.push(format!(
+            "`i2c` is at {} and {}, which are no data and clock of one bus; those that are: {}",
+            robot.pin(bus.sda),
+            robot.pin(bus.scl),
+            pairs.join(", ")
         ));
     }
     problems

@@ -65,6 +65,9 @@ struct RobotFile {
     #[serde(default)]
     floor: Floor,
     stop_button: Button,
+    bumpers: Option<Bumpers>,
+    i2c: Option<I2c>,
+    gyro: Option<Gyro>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -128,8 +131,40 @@ struct Encoder {
 #[serde(deny_unknown_fields)]
 struct Sonar {
     looks_deg: i32,
-    trigger: u8,
-    echo: u8,
+    /// Of one with two pins.
+    trigger: Option<u8>,
+    echo: Option<u8>,
+    /// Of one at the bus.
+    chip: Option<SonarChip>,
+    address: Option<u8>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "UPPERCASE")]
+enum SonarChip {
+    Srf08,
+    Srf02,
+}
+
+impl SonarChip {
+    fn name(self) -> &'static str {
+        match self {
+            SonarChip::Srf08 => "SRF08",
+            SonarChip::Srf02 => "SRF02",
+        }
+    }
+}
+
+impl Sonar {
+    /// Trigger and echo, if it has both.
+    fn pins(&self) -> Option<(u8, u8)> {
+        self.trigger.zip(self.echo)
+    }
+
+    /// Which one it is, and at which address, if it is at the bus.
+    fn at_bus(&self) -> Option<(SonarChip, u8)> {
+        self.chip.zip(self.address)
+    }
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -169,7 +204,68 @@ struct Button {
     pressed: Level,
 }
 
+/// Contact switches behind the plate before the body.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Bumpers {
+    left: u8,
+    right: u8,
+    pressed: Level,
+}
+
+impl Bumpers {
+    /// Where each is, and its pin.
+    fn switches(self) -> [(&'static str, u8); 2] {
+        [("left", self.left), ("right", self.right)]
+    }
+}
+
+/// The bus of sensors.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct I2c {
+    sda: u8,
+    scl: u8,
+}
+
+/// A gyroscope at the bus.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Gyro {
+    chip: GyroChip,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+enum GyroChip {
+    #[serde(rename = "BMI160")]
+    Bmi160,
+}
+
+impl GyroChip {
+    /// Its name, and its address at the bus.
+    fn at(self) -> (&'static str, u8) {
+        match self {
+            GyroChip::Bmi160 => ("BMI160", 0x68),
+        }
+    }
+}
+
 impl RobotFile {
+    /// What is at the I2C bus: as the file names it, what it is, and at which address.
+    fn at_the_bus(&self) -> Vec<(String, String, u8)> {
+        let gyro = self.gyro.map(|gyro| {
+            let (chip, address) = gyro.chip.at();
+            ("gyro".to_owned(), format!("gyroscope {chip}"), address)
+        });
+        let sonars = self.sonars.iter().enumerate();
+        let sonars = sonars.filter_map(|(place, sonar)| {
+            let (chip, address) = sonar.at_bus()?;
+            let what = format!("sonar {place} {}", chip.name());
+            Some((format!("sonars[{place}]"), what, address))
+        });
+        gyro.into_iter().chain(sonars).collect()
+    }
+
     /// The wheels, and on which side each is.
     fn sides(&self) -> [(&'static str, &Wheel); 2] {
         [("left", &self.left), ("right", &self.right)]
@@ -179,9 +275,12 @@ impl RobotFile {
     fn echoes(&self) -> Vec<(u8, Vec<usize>)> {
         let mut echoes: Vec<(u8, Vec<usize>)> = Vec::new();
         for (place, sonar) in self.sonars.iter().enumerate() {
-            match echoes.iter_mut().find(|(pin, _)| *pin == sonar.echo) {
+            let Some((_, echo)) = sonar.pins() else {
+                continue;
+            };
+            match echoes.iter_mut().find(|(pin, _)| *pin == echo) {
                 Some((_, places)) => places.push(place),
-                None => echoes.push((sonar.echo, vec![place])),
+                None => echoes.push((echo, vec![place])),
             }
         }
         echoes
@@ -218,6 +317,8 @@ struct Pins {
     analog_full_scale: u16,
     pwm_repeats: u8,
     echo_pins: usize,
+    /// Pairs of pins that an I2C bus can have: data and clock.
+    i2c: Vec<[u8; 2]>,
     own: Vec<Own>,
 }
 

@@ -89,6 +89,15 @@ impl Robot {
                 &[format!("floor {}", floor.join(" "))],
             );
         }
+        if let Some(bumpers) = file.bumpers {
+            let [left, right] = bumpers.switches().map(|(_, pin)| self.pin(pin));
+            let bumpers = [format!("bumpers {left} {right}")];
+            text(&mut svg, (x, y - 52.0), &bumpers);
+        }
+        if let Some(bus) = file.i2c {
+            let pins = [bus.sda, bus.scl].map(|pin| self.pin(pin)).join(" ");
+            text(&mut svg, (x + 74.0, y + 52.0), &["I2C".to_owned(), pins]);
+        }
         if !file.outputs.is_empty() {
             let outputs: Vec<String> = file.outputs.iter().map(|&pin| self.pin(pin)).collect();
             let outputs = [format!("outputs {}", outputs.join(" "))];
@@ -105,11 +114,15 @@ impl Robot {
                 x + (SONAR + 30.0) * right,
                 y + (SONAR + 30.0) * down,
             );
-            let lines = [
-                format!("sonar {place}"),
-                format!("trigger {}", self.pin(sonar.trigger)),
-                format!("echo {}", self.pin(sonar.echo)),
-            ];
+            let mut lines = vec![format!("sonar {place}")];
+            if let Some((trigger, echo)) = sonar.pins() {
+                lines.push(format!("trigger {}", self.pin(trigger)));
+                lines.push(format!("echo {}", self.pin(echo)));
+            }
+            if let Some((chip, address)) = sonar.at_bus() {
+                lines.push(chip.name().to_owned());
+                lines.push(format!("at 0x{address:02X}"));
+            }
             text(
                 &mut svg,
                 (

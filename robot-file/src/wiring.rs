@@ -69,10 +69,9 @@ impl Robot {
         }
         for (place, sonar) in file.sonars.iter().enumerate() {
             let direction = DIRECTIONS[crate::eighths(sonar.looks_deg)];
-            add(
-                &[sonar.trigger],
-                format!("sonar {place} ({direction}): trigger"),
-            );
+            if let Some((trigger, _)) = sonar.pins() {
+                add(&[trigger], format!("sonar {place} ({direction}): trigger"));
+            }
         }
         for (pin, places) in file.echoes() {
             let part = match &places[..] {
@@ -93,14 +92,28 @@ impl Robot {
         for (place, pin) in file.floor.sensors() {
             add(&[pin], format!("line sensor: {place}"));
         }
-        let to = match file.stop_button.pressed {
-            Level::Low => "ground",
-            Level::High => "the board's supply of 3.3 V",
-        };
+        let to = closes_to(file.stop_button.pressed);
         add(
             &[file.stop_button.pin],
             format!("button of the emergency stop, to {to}"),
         );
+        if let Some(bumpers) = file.bumpers {
+            let to = closes_to(bumpers.pressed);
+            for (place, pin) in bumpers.switches() {
+                add(&[pin], format!("{place} bumper: contact switch, to {to}"));
+            }
+        }
+        if let Some(bus) = file.i2c {
+            let devices = file.at_the_bus().into_iter();
+            let devices: Vec<String> = devices
+                .map(|(_, what, address)| format!("{what} at address 0x{address:02X}"))
+                .collect();
+            let devices = devices.join(", ");
+            add(
+                &[bus.sda, bus.scl],
+                format!("I2C: SDA, SCL, each with 4.7 kΩ to 3.3 V; {devices}"),
+            );
+        }
         for (place, pin) in file.outputs.iter().enumerate() {
             add(
                 &[*pin],
@@ -108,6 +121,14 @@ impl Robot {
             );
         }
         rows
+    }
+}
+
+/// Where a switch leads that makes its pin's level this one while it is pressed.
+fn closes_to(level: Level) -> &'static str {
+    match level {
+        Level::Low => "ground",
+        Level::High => "the board's supply of 3.3 V",
     }
 }
 

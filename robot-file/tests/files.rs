@@ -114,7 +114,7 @@ fn each_mistake_is_said_with_what_to_do() {
         (
             "board = \"pico\"",
             "board = \"host\"",
-            "robot.toml: there is no board `host` with pins; the boards with pins are: pico",
+            "robot.toml: there is no board `host` with pins; the boards with pins are: pico, pico2",
         ),
     ] {
         assert_eq!(said(from, to), expected, "{to}");
@@ -139,6 +139,81 @@ fn outputs_of_own_drivers_are_shown_and_are_four_at_most() {
         .to_string();
     assert!(
         said.contains("there are 5 `outputs`: a robot has up to 4"),
+        "{said}"
+    );
+}
+
+/// The rover with bumpers and sensors at a bus.
+const SENSORS: &str = "../boards/pico/sensors.toml";
+
+#[test]
+fn sensors_at_a_bus_and_bumpers_are_shown_and_checked() {
+    let robot = read(Path::new(SENSORS)).unwrap();
+    let (table, picture) = (robot.wiring(), robot.picture());
+    for row in [
+        "| GP12, GP13 | I2C: SDA, SCL, each with 4.7 kΩ to 3.3 V; gyroscope BMI160 at address 0x68, \
+         sonar 1 SRF08 at address 0x70, sonar 3 SRF08 at address 0x71 |",
+        "| GP14 | left bumper: contact switch, to ground |",
+        "| GP15 | right bumper: contact switch, to ground |",
+    ] {
+        assert!(table.contains(row), "{table}");
+    }
+    for text in [">bumpers GP14 GP15<", ">GP12 GP13<", ">at 0x71<"] {
+        assert!(picture.contains(text), "{text}");
+    }
+    let whole = std::fs::read_to_string(SENSORS).unwrap();
+    for (from, to, expected) in [
+        (
+            "left = 14\n",
+            "left = 12\n",
+            "robot.toml: `bumpers.left` and `i2c.sda` are both GP12: give one of them another pin",
+        ),
+        (
+            "sda = 12\n",
+            "sda = 17\n",
+            "robot.toml: `i2c` is at GP17 and GP13, which are no data and clock of one bus; those that are: 2 and 3, 4 and 5, \
+             6 and 7, 8 and 9, 10 and 11, 12 and 13, 14 and 15, 16 and 17, 18 and 19, 20 and 21, 26 and 27",
+        ),
+        (
+            "[i2c]\nsda = 12\nscl = 13\n",
+            "",
+            "robot.toml: `gyro` is a gyroscope BMI160, and the file has no bus for it: add `[i2c]` with `sda` and `scl`",
+        ),
+        (
+            "address = 0x71\n",
+            "address = 0x68\n",
+            "robot.toml: `gyro` and `sonars[3]` are both at address 0x68 of the bus: give one of them another address",
+        ),
+        (
+            "address = 0x71\n",
+            "address = 0xE2\n",
+            "robot.toml: `sonars[3]` is at address 0xE2: it is one of 7 bits, between 0x08 and 0x77; Devantech prints twice that",
+        ),
+        (
+            "address = 0x71\n",
+            "trigger = 17\n",
+            "robot.toml: `sonars[3]` has `trigger` and `echo`, where it has two pins, or `chip` and `address`, where it is \
+             at the I2C bus",
+        ),
+    ] {
+        assert_eq!(whole.matches(from).count(), 1, "{from}");
+        let text = whole.replace(from, to);
+        let said = check(Path::new("robot.toml"), &text).expect_err(to);
+        assert_eq!(said.to_string(), expected, "{to}");
+    }
+    let empty = std::fs::read_to_string(ROVER).unwrap() + "[i2c]\nsda = 12\nscl = 13\n";
+    let empty = empty
+        .replace("trigger = 12", "trigger = 23")
+        .replace("trigger = 13", "trigger = 24");
+    let said = check(Path::new("robot.toml"), &empty).unwrap_err();
+    let said = said.to_string();
+    let expected = "`i2c` is a bus that nothing is at: leave it out, or add what is at it";
+    assert!(said.contains(expected), "{said}");
+    let other = whole.replace("BMI160", "MPU-6050");
+    let said = check(Path::new("robot.toml"), &other).unwrap_err();
+    let said = said.to_string();
+    assert!(
+        said.contains("unknown variant `MPU-6050`, expected `BMI160`"),
         "{said}"
     );
 }

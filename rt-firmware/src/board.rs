@@ -90,6 +90,11 @@ impl<B: Board, P: InputPin> WithStopButton<B, P> {
             button: StopButton::new(pin),
         }
     }
+
+    /// The board without it.
+    pub const fn board_mut(&mut self) -> &mut B {
+        &mut self.board
+    }
 }
 
 impl<B: Board, P: InputPin> Board for WithStopButton<B, P> {

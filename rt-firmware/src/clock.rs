@@ -92,6 +92,11 @@ impl<const BITS: u32> Clock<BITS> {
         ticks
     }
 
+    /// How often the base was moved; wraps. From any context.
+    pub fn moves(&self) -> u32 {
+        self.moves.load(Ordering::Relaxed)
+    }
+
     /// The low half of the time when the counter stands at `count`. For the context that moves the
     /// base, which it leaves where it is.
     #[cfg_attr(feature = "speed", inline(always))]

@@ -3,7 +3,7 @@
 
 use core::any::TypeId;
 use core::marker::PhantomData;
-#[cfg(feature = "telemetry")]
+#[cfg(any(feature = "links", feature = "telemetry"))]
 use core::ptr::NonNull;
 
 use crate::show::{Field, Show};
@@ -125,7 +125,6 @@ pub(crate) struct Kind {
 
 /// How a value in a buffer becomes a payload, and back.
 #[cfg(feature = "links")]
-#[derive(Clone, Copy)]
 pub(crate) struct Codec {
     /// Bytes of the payload; 0 of a type that cannot travel.
     pub(crate) payload_bytes: usize,
@@ -183,8 +182,8 @@ impl ValueKind {
 
     /// How a value of this kind travels.
     #[cfg(feature = "links")]
-    pub(crate) fn codec(self) -> Codec {
-        self.0.codec
+    pub(crate) fn codec(self) -> &'static Codec {
+        &self.0.codec
     }
 
     /// Whether both are one `Kind`.

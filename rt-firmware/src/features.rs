@@ -27,6 +27,10 @@ pub const RECORD: bool = cfg!(feature = "record");
 /// Values on nets can be read while the mission runs (feature `telemetry`).
 pub const TELEMETRY: bool = cfg!(feature = "telemetry");
 
+/// The board tells what it has measured of itself, and its line can have another rate for a while
+/// (feature `selftest`).
+pub const SELFTEST: bool = cfg!(feature = "selftest");
+
 /// The rover has behaviours, and what stands on their list can be changed over the link (feature
 /// `behaviours`).
 pub const BEHAVIOURS: bool = cfg!(feature = "behaviours");

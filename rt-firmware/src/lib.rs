@@ -82,7 +82,7 @@ pub use link::stop_listener::StopListener;
 pub use ports::{AnyTaskPool, Executor, Io, Net, Registry, RegistryFault, TaskPool, assemble};
 pub use realtime::mailbox::Mailbox;
 pub use realtime::{Limits, RealTime};
-pub use registry::nets;
+pub use registry::{nets, put_bank};
 pub use retained_ram::RetainedRam;
 pub use runtime::{Memory, Sides, split};
 pub use show::Show;

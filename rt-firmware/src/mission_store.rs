@@ -58,6 +58,21 @@ pub trait MissionStore {
     /// The values that are kept.
     fn saved_params(&mut self) -> SavedParams;
 
+    /// Keeps a script beside the missions, in the place of the one before; `None` for none. Cut at
+    /// any time, this one is kept or the one before.
+    ///
+    /// # Errors
+    /// What the host is to be told: [`LinkError::NoStore`] where there is no room for one.
+    fn keep_script(&mut self, _script: Option<&[u8]>) -> Result<(), LinkError> {
+        Err(LinkError::NoStore)
+    }
+
+    /// Reads the script that is kept into the beginning of `room`. Returns its length, 0 where
+    /// there is none.
+    fn kept_script(&mut self, _room: &mut [u8]) -> usize {
+        0
+    }
+
     /// Whether an emergency stop was latched last.
     fn is_emergency_stopped(&self) -> bool;
 

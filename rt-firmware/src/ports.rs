@@ -34,7 +34,10 @@
 
 use core::any::TypeId;
 use core::cell::{Cell, UnsafeCell};
+use core::marker::PhantomData;
 use core::ptr::NonNull;
+
+use esm_core::tables::TaskPlaces;
 
 #[cfg(feature = "links")]
 use crate::declaration::Codec;
@@ -161,6 +164,27 @@ impl ValueKind {
     }
 }
 
+/// A value on a net, as long as nothing is executed that could change it.
+#[cfg(feature = "links")]
+pub(crate) struct ValueToSend<'e> {
+    head: NonNull<()>,
+    codec: &'static Codec,
+    executor: PhantomData<&'e ()>,
+}
+
+#[cfg(feature = "links")]
+impl ValueToSend<'_> {
+    /// Writes it into a payload of its length.
+    pub(crate) fn put(&self, payload: &mut [u8]) {
+        if payload.len() == self.codec.payload_bytes {
+            // SAFETY: the kind is that of the buffer (invariant 4), and a published value is not
+            // written except while a task is executed, which borrows the executor mutably
+            // (invariant 3).
+            unsafe { (self.codec.put)(self.head, payload) };
+        }
+    }
+}
+
 /// Writes the value in a buffer into a payload.
 ///
 /// # Safety
@@ -179,10 +203,14 @@ unsafe fn put<V: PortType>(buffer: NonNull<()>, payload: &mut [u8]) {
 /// has, and nobody looks at these bytes but at the head.
 #[cfg(feature = "links")]
 unsafe fn take<V: PortType>(payload: &[u8], buffer: NonNull<()>) {
-    let mut value = V::INIT;
+    // SAFETY: as the caller promises; what was there is overwritten, not dropped, and what is there
+    // then is a value, which nobody else looks at.
+    let value = unsafe {
+        let place = value_in::<V>(buffer.cast()).as_ptr();
+        place.write(V::INIT);
+        &mut *place
+    };
     value.take(payload);
-    // SAFETY: as the caller promises; what was there is overwritten, not dropped.
-    unsafe { value_in::<V>(buffer.cast()).as_ptr().write(value) };
 }
 
 /// Shows the value in a buffer, if there is one, and says what values of the type are made of.
@@ -559,7 +587,7 @@ unsafe fn step_in<T: Task>(place: NonNull<()>, enter: bool, io: &mut Io<'_>) -> 
     // SAFETY: as above; what the outputs hold is reached through shared references alone.
     let outputs = unsafe { &(*place.as_ptr()).outputs };
     if let Some(silence) = outputs.silence() {
-        silence.count(io.state);
+        silence.count(&mut io.state);
     }
     step
 }
@@ -603,7 +631,18 @@ impl<T: Task, const N: usize> AnyTaskPool for TaskPool<T, N> {
 /// All access is by the handles that [`task!`](crate::task!) makes. A handle of another task type
 /// is a defect of the program and panics.
 pub struct Io<'a> {
-    state: &'a mut IoState,
+    state: IoState,
+    /// For how long a task may look at values: who is given an `Io` to execute cannot know.
+    execution: PhantomData<&'a ()>,
+}
+
+impl Io<'_> {
+    const fn new(state: IoState) -> Self {
+        Io {
+            state,
+            execution: PhantomData,
+        }
+    }
 }
 
 /// What is known of one execution.
@@ -612,8 +651,11 @@ struct IoState {
     ports: &'static [PortDeclaration],
     /// The value of each of them: to read for `in`, to write for `out` and `inout`.
     values: [Option<NonNull<Head>>; MAX_DATA_PORTS],
-    /// Nominal start of the activation on the robot's clock.
+    /// A time on the robot's clock. The [task's time](Inputs::now_us) is that at the same instant.
     robot_us: u64,
+    /// From then to the activation's nominal start: so that from one activation to the next a
+    /// number of 32 bits changes.
+    since_us: u32,
     /// What the task has done: bit n, from 0 on, data port n was written; from [`FIRST_FLAG`] on,
     /// control flag n was; [`HAS_TOLD`], it has told something else.
     done: u32,
@@ -638,6 +680,7 @@ impl IoState {
         ports: &[],
         values: [None; MAX_DATA_PORTS],
         robot_us: 0,
+        since_us: 0,
         done: 0,
         flags: 0,
         allowed_overruns: None,
@@ -655,17 +698,41 @@ impl IoState {
         notes: Notes::EMPTY,
     };
 
-    /// What the task has said.
-    fn said(&self) -> StepOutput {
+    /// These are the buffers of so many data ports. Most tasks have few: a copy of all would be a
+    /// call, which takes longer.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn take_buffers(&mut self, buffers: &[Option<NonNull<Head>>; MAX_DATA_PORTS], ports: usize) {
+        let [first, second, third, fourth, rest @ ..] = &mut self.values;
+        let [in_first, in_second, in_third, in_fourth, in_rest @ ..] = buffers;
+        (*first, *second) = (*in_first, *in_second);
+        (*third, *fourth) = (*in_third, *in_fourth);
+        if ports > MAX_DATA_PORTS - in_rest.len() {
+            *rest = *in_rest;
+        }
+    }
+
+    /// Nominal start of the activation on the robot's clock.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn start_robot_us(&self) -> u64 {
+        self.robot_us.wrapping_add(self.since_us.into())
+    }
+
+    /// The control flags that the task has written.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn flag_changes(&self) -> FlagChanges {
         let written = (self.done >> FIRST_FLAG) as u16;
-        let has_told = self.done & HAS_TOLD != 0;
-        StepOutput {
-            flags: FlagChanges {
-                written,
-                values: self.flags & written,
-            },
-            allowed_overruns: self.allowed_overruns.filter(|_| has_told),
-            failure: self.failure.filter(|_| has_told),
+        FlagChanges {
+            written,
+            values: self.flags & written,
+        }
+    }
+
+    /// How many overruns in a row the task allows from now on, if it has said so, and why the robot
+    /// is to go to its safe state, if it has said that.
+    fn told(&self) -> (Option<u32>, Option<SafeReason>) {
+        match self.done & HAS_TOLD != 0 {
+            true => (self.allowed_overruns, self.failure),
+            false => (None, None),
         }
     }
 
@@ -804,20 +871,24 @@ impl<'a> Io<'a> {
     }
 
     /// All parameters.
+    #[cfg_attr(feature = "speed", inline(always))]
     pub fn params(&self) -> Params {
-        Params::from(self.state.inputs.params)
+        // One by one: a copy of all would be a call, which takes longer.
+        let [first, second, third, fourth, fifth, sixth, seventh, eighth] =
+            self.state.inputs.params;
+        Params::from([first, second, third, fourth, fifth, sixth, seventh, eighth])
     }
 
     /// Nominal start of the activation on the robot's clock, in microseconds; of slot 0, when the
     /// run was started.
     pub fn robot_us(&self) -> u64 {
-        self.state.robot_us
+        self.state.start_robot_us()
     }
 
     /// What the list of behaviours is to do, if something is. Who asks is its owner, and is known
     /// to be there from now on.
     pub(crate) fn take_list_command(&mut self) -> Option<ListCommand> {
-        self.state.behaviours.take(self.state.robot_us)
+        self.state.behaviours.take(self.state.start_robot_us())
     }
 
     /// Where the robot is, or how far off, as the link says. Who asks is known to be there from now
@@ -827,7 +898,9 @@ impl<'a> Io<'a> {
         expect(dead_code, reason = "who takes it comes with behaviours")
     )]
     pub(crate) fn take_position(&mut self) -> Option<(Correction, Pose)> {
-        self.state.behaviours.take_position(self.state.robot_us)
+        self.state
+            .behaviours
+            .take_position(self.state.start_robot_us())
     }
 
     /// What came of it.
@@ -858,7 +931,8 @@ impl<'a> Io<'a> {
     /// Nominal start of the slot's activation (of the one that started the run, in slot 0), in
     /// microseconds since the mission started.
     pub fn now_us(&self) -> u64 {
-        self.state.inputs.now_us
+        let since_us = u64::from(self.state.since_us);
+        self.state.inputs.now_us.wrapping_add(since_us)
     }
 
     /// Period of the task's slot in microseconds; 0 in slot 0.
@@ -1100,17 +1174,6 @@ impl TaskPlace {
     }
 }
 
-/// What a task said in an execution beside what it published.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct StepOutput {
-    /// The control flags that it wrote.
-    pub flags: FlagChanges,
-    /// How many overruns in a row are allowed from now on, if it said so.
-    pub allowed_overruns: Option<u32>,
-    /// Why the robot is to go to its safe state, if it said so.
-    pub failure: Option<SafeReason>,
-}
-
 /// How an execution ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outcome {
@@ -1135,32 +1198,55 @@ pub enum ReturnedRun {
     Foreign,
 }
 
+/// Number of no task: there are fewer banks.
+const NOBODY: u16 = u16::MAX;
 /// A port that leads nowhere.
 const NO_NET: u16 = u16::MAX;
-/// Bytes of the unit in which the place of a buffer is kept. No buffer is aligned to less.
-const BUFFER_UNIT: usize = align_of::<Head>();
+/// How often it has changed which buffer a net refers to, or what a background run reads. As long
+/// as it has not, an execution finds the buffers of the one before.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Changes(u32);
 
-/// Where a data port of a task instance leads.
-#[derive(Clone, Copy)]
-struct BoundPort {
-    /// Its net, or [`NO_NET`].
-    net: u16,
-    /// Where the buffer is that the port wrote last, see [`distance`]; 0 where nobody knows.
-    buffer: u16,
+impl Changes {
+    /// Stands for no number: nothing was found yet.
+    const NEVER: Changes = Changes(0);
+    /// Before the first change.
+    const NONE: Changes = Changes(1);
+    /// So many are not told from more: what was found then is found anew each time. At a hundred
+    /// changes a second that is after 497 days.
+    const UNCOUNTED: Changes = Changes(u32::MAX);
+
+    fn count(&mut self) {
+        self.0 = self.0.saturating_add(1);
+    }
 }
 
-/// All that an execution of a task instance needs: found once, when its mission is staged.
+/// All that an execution of a task instance needs: found once, when its mission is staged. Where
+/// its values are is found again only when something has changed since the last execution.
 #[derive(Clone, Copy)]
 pub struct Binding {
     /// None where the robot has no such task.
     task: Option<BoundTask>,
-    ports: [BoundPort; MAX_DATA_PORTS],
+    /// The buffer of each data port in its last execution; at first one of the port's own, if it
+    /// has any.
+    buffers: [Option<NonNull<Head>>; MAX_DATA_PORTS],
+    /// How many changes there had been when all buffers were found at a look, if they were.
+    found_at: Changes,
+    /// The net of each data port, or [`NO_NET`].
+    nets: [u16; MAX_DATA_PORTS],
+    /// Where its flags and parameters stand; whoever binds it says so.
+    pub(crate) places: TaskPlaces,
     place: TaskPlace,
     /// Bit n: the task can find what its data port n wrote or changed on no other of its ports, but
     /// where a value is on two nets.
     alone: u8,
-    /// Bit n: what data port n publishes is as old as what it changed.
-    keeps_time: u8,
+    /// Bit n: no net refers to the buffer of data port n, or nobody has looked.
+    unpublished: u8,
+    /// Bit n: what data port n publishes is as new as its execution, and not as old as what it
+    /// changed.
+    is_new: u8,
+    /// Bit n: data port n takes no value that is too old.
+    is_limited: u8,
 }
 
 // A bit for each port.
@@ -1182,11 +1268,39 @@ impl Binding {
     /// A task instance that nothing serves.
     pub(crate) const NONE: Binding = Binding {
         task: None,
-        ports: [BoundPort { net: 0, buffer: 0 }; MAX_DATA_PORTS],
+        buffers: [None; MAX_DATA_PORTS],
+        found_at: Changes::NEVER,
+        nets: [0; MAX_DATA_PORTS],
+        places: TaskPlaces {
+            first_flag: 0,
+            control_flags: 0,
+            first_param: 0,
+            first_connection: 0,
+            region: 0,
+        },
         place: TaskPlace { bank: 0, place: 0 },
         alone: 0,
-        keeps_time: 0,
+        unpublished: 0,
+        is_new: 0,
+        is_limited: 0,
     };
+
+    /// All buffers were found at a look, after so many changes.
+    fn found(&mut self, changes: Changes) {
+        let is_counted = changes != Changes::UNCOUNTED;
+        self.found_at = if is_counted { changes } else { Changes::NEVER };
+    }
+
+    /// Whether all buffers were found at a look, and nothing has changed since.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn is_found(&self, changes: Changes) -> bool {
+        self.found_at == changes
+    }
+
+    /// The net of a data port, if it leads to one.
+    fn net<'n>(&self, nets: &'n [Net], port: usize) -> Option<&'n Net> {
+        nets.get(usize::from(*self.nets.get(port)?))
+    }
 
     /// The task that it is of.
     pub(crate) fn place(&self) -> Option<TaskPlace> {
@@ -1224,15 +1338,15 @@ impl Registry<'_> {
             declared,
             banks: self.address(),
         });
-        for (index, (port, bound)) in declared.ports.iter().zip(&mut binding.ports).enumerate() {
+        let places = binding.nets.iter_mut().zip(&mut binding.buffers);
+        for (index, (port, (bound, buffer))) in declared.ports.iter().zip(places).enumerate() {
             let net = net_of(index);
-            bound.net = net
+            *bound = net
                 .and_then(|net| u16::try_from(net).ok())
                 .unwrap_or(NO_NET);
             let buffers = bank.output(usize::from(task.place), index);
-            if let Some(first) = buffers.and_then(|buffers| buffers.buffer(0)) {
-                bound.buffer = kept_distance(pointer, first.head);
-            }
+            let first = buffers.and_then(|buffers| buffers.buffer(0));
+            *buffer = first.map(|first| first.head);
             let finds = declared.ports.iter().enumerate().any(|(other, declared)| {
                 let reads = match declared.direction {
                     Direction::In => true,
@@ -1244,8 +1358,11 @@ impl Registry<'_> {
             if !finds {
                 binding.alone |= 1 << index;
             }
-            if port.direction == Direction::InOut {
-                binding.keeps_time |= 1 << index;
+            if *bound != NO_NET && port.direction == Direction::Out {
+                binding.is_new |= 1 << index;
+            }
+            if port.within_us.is_some() && port.direction != Direction::Out {
+                binding.is_limited |= 1 << index;
             }
         }
         binding
@@ -1254,11 +1371,12 @@ impl Registry<'_> {
     /// Binds a task instance to another task of the same type.
     pub(crate) fn bind_again(self, binding: &mut Binding, task: TaskPlace) {
         if binding.place != task {
-            let ports = binding.ports;
+            let (nets, places) = (binding.nets, binding.places);
             *binding = self.bind(task, |port| {
-                let net = ports.get(port).map_or(NO_NET, |bound| bound.net);
+                let net = nets.get(port).copied().unwrap_or(NO_NET);
                 (net != NO_NET).then_some(usize::from(net))
             });
+            binding.places = places;
         }
     }
 
@@ -1268,30 +1386,6 @@ impl Registry<'_> {
     fn address(self) -> NonNull<()> {
         NonNull::from(self.banks).cast()
     }
-}
-
-/// Where a buffer is, from its task's place on, in units of [`BUFFER_UNIT`]; counted from 1.
-#[cfg_attr(feature = "speed", inline(always))]
-fn distance(task: TaskPointer, buffer: NonNull<Head>) -> usize {
-    let bytes = buffer.addr().get().wrapping_sub(task.place.addr().get());
-    bytes / BUFFER_UNIT + 1
-}
-
-/// The buffer that is this far, by [`distance`], from its task.
-///
-/// # Safety
-/// It is one of the task's own buffers.
-#[cfg_attr(feature = "speed", inline(always))]
-unsafe fn buffer_at(task: TaskPointer, distance: usize) -> NonNull<Head> {
-    let bytes = distance.wrapping_sub(1).wrapping_mul(BUFFER_UNIT);
-    // SAFETY: as the caller promises, so that it is in the task's place, over all of which the
-    // pointer has provenance.
-    unsafe { task.place.byte_add(bytes) }.cast()
-}
-
-/// [`distance`] as it is kept: 0 where it is too far for that, which is nobody's.
-fn kept_distance(task: TaskPointer, buffer: NonNull<Head>) -> u16 {
-    u16::try_from(distance(task, buffer)).unwrap_or(0)
 }
 
 /// Background runs that may be under way at the same time.
@@ -1306,21 +1400,17 @@ pub struct Executor<'m> {
     /// Values that came over links.
     #[cfg(feature = "links")]
     received: &'m [ReceivedValue],
-    /// The number of the task that is lent.
-    lent: Option<u16>,
+    changes: Changes,
+    /// The number of the task that is lent, or [`NOBODY`].
+    lent: u16,
     /// The lent background run belongs to a mission that is over.
     lent_is_stale: bool,
     /// The task that was prepared.
-    call: Option<Call>,
-    /// What it sees.
-    state: IoState,
-}
-
-/// A task that can be executed.
-#[derive(Clone, Copy)]
-struct Call {
-    task: TaskPointer,
+    call: Option<TaskPointer>,
+    /// Whether its activation begins.
     enter: bool,
+    /// What it sees.
+    io: Io<'static>,
 }
 
 // SAFETY: tasks are `Send`, values `Send` and `Sync`, and everything that the executor's pointers
@@ -1349,10 +1439,12 @@ pub fn assemble<'m, const NETS: usize>(
             nets_before,
             #[cfg(feature = "links")]
             received: &[],
-            lent: None,
+            changes: Changes::NONE,
+            lent: NOBODY,
             lent_is_stale: false,
             call: None,
-            state: IoState::EMPTY,
+            enter: false,
+            io: Io::new(IoState::EMPTY),
         },
         registry,
     ))
@@ -1379,7 +1471,7 @@ impl<'m> Executor<'m> {
 
     /// The task that is lent, if there is one.
     pub fn checked_out(&self) -> Option<TaskPlace> {
-        self.lent.map(TaskPlace::of_number)
+        (self.lent != NOBODY).then(|| TaskPlace::of_number(self.lent))
     }
 
     /// A mission starts: nets are emptied, tasks forget what they knew. A task that is lent does so
@@ -1401,6 +1493,7 @@ impl<'m> Executor<'m> {
     /// [`end_migration`](Self::end_migration) values can be [carried](Self::migrate_net).
     pub fn begin_migration(&mut self) {
         self.call = None;
+        self.changes.count();
         if WARM {
             core::mem::swap(&mut self.nets, &mut self.nets_before);
         }
@@ -1411,6 +1504,7 @@ impl<'m> Executor<'m> {
         if let Some(before) = self.nets_before.get(before)
             && let Some(net) = self.nets.get_mut(net).filter(|net| net.value.is_none())
         {
+            self.changes.count();
             net.publish(before.value, before.value_us);
         }
     }
@@ -1426,8 +1520,9 @@ impl<'m> Executor<'m> {
         for net in before.iter_mut() {
             net.publish(None, 0);
         }
-        self.lent_is_stale = self.lent.is_some();
-        for task in left_behind.filter(|task| self.lent != Some(task.number())) {
+        self.changes.count();
+        self.lent_is_stale = self.lent != NOBODY;
+        for task in left_behind.filter(|task| self.lent != task.number()) {
             if let Some(bank) = self.registry.bank(usize::from(task.bank)) {
                 // SAFETY: the executor owns all tasks (invariant 1), except for the lent one, which
                 // was left out.
@@ -1447,86 +1542,92 @@ impl<'m> Executor<'m> {
         enter: bool,
     ) -> Option<Outcome> {
         let mut binding = self.registry.bind(task, net_of);
-        self.begin(inputs.now_us, inputs.now_us, inputs.period_us);
-        self.state.inputs = *inputs;
-        if !self.prepare(&mut binding, enter) {
-            return None;
-        }
-        let step = self.run()?;
-        let said = self.end_step(&binding).unwrap_or_default();
+        self.begin(inputs.now_us, inputs.now_us);
+        self.io.state.inputs = *inputs;
+        self.prepare(&mut binding, enter);
+        let step = self.run(|| ())?;
+        let (flags, _) = self.end_step(&binding);
+        let (allowed_overruns, failure) = self.told();
         Some(Outcome {
             step,
-            flags: said.flags,
-            allowed_overruns: said.allowed_overruns,
-            failure: said.failure,
+            flags,
+            allowed_overruns,
+            failure,
         })
     }
 
-    /// All executions from here on are of an activation of a slot with this period that starts at
-    /// these times of the mission and the robot.
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(crate) fn begin(&mut self, now_us: u64, robot_us: u64, period_us: u32) {
-        self.state.inputs.now_us = now_us;
-        self.state.inputs.period_us = period_us;
-        self.state.robot_us = robot_us;
+    /// All executions from here on are of an activation that starts at these times of the mission
+    /// and the robot, which later ones are [counted from](Self::begin_near).
+    pub(crate) fn begin(&mut self, now_us: u64, robot_us: u64) {
+        self.io.state.inputs.now_us = now_us;
+        self.io.state.robot_us = robot_us;
+        self.io.state.since_us = 0;
     }
 
-    /// Nominal start of the activation that [began](Self::begin), on the robot's clock.
+    /// All executions from here on are of an activation that starts so long after the times that
+    /// were given last.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(crate) fn begin_near(&mut self, since_us: u32) {
+        self.io.state.since_us = since_us;
+    }
+
+    /// Nominal start of the activation that began last, on the robot's clock.
     pub(crate) fn robot_us(&self) -> u64 {
-        self.state.robot_us
+        self.io.state.start_robot_us()
     }
 
     /// What the task has noted that was executed last.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn notes(&mut self) -> &mut Notes {
-        &mut self.state.notes
+        &mut self.io.state.notes
     }
 
     /// What the list of behaviours is to do.
     pub(crate) fn behaviours(&mut self) -> &mut CommandBox {
-        &mut self.state.behaviours
+        &mut self.io.state.behaviours
     }
 
     /// What enters the next execution beside the values on nets.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn inputs(&mut self) -> &mut Inputs {
-        &mut self.state.inputs
+        &mut self.io.state.inputs
     }
 
     /// Finds the values of a task's ports for its next execution, which [`run`](Self::run) does.
-    /// `enter` says whether an activation begins. False, and nothing is done, if a required input
-    /// has no fresh value or the task is lent. Whatever changes nets, tasks or the use of buffers
-    /// takes this back (invariant 3).
+    /// `enter` says whether an activation begins. Nothing [is prepared](Self::is_prepared) if a
+    /// required input has no fresh value or the task is lent. Whatever changes nets, tasks or the
+    /// use of buffers takes this back (invariant 3).
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(crate) fn prepare(&mut self, binding: &mut Binding, enter: bool) -> bool {
-        self.call = None;
-        let Some(task) = binding.task else {
-            return false;
-        };
-        if let Some(lent) = self.lent
-            && lent == binding.place.number()
-        {
-            return false;
-        }
-        if task.banks != self.registry.address() {
-            return false;
-        }
-        self.state.done = 0;
-        self.state.ports = task.declared.ports;
-        if !task.declared.ports.is_empty() && !self.connect(binding, task) {
-            return false;
-        }
-        self.call = Some(Call {
-            task: task.pointer,
-            enter,
-        });
-        true
+    pub(crate) fn prepare(&mut self, binding: &mut Binding, enter: bool) {
+        self.enter = enter;
+        self.call = self.find_call(binding);
     }
 
-    /// Whether a task was prepared that was not executed yet.
+    /// Whether a task is prepared.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(crate) fn is_prepared(&self) -> bool {
         self.call.is_some()
+    }
+
+    /// The task of a binding, for whose next execution all is found. None if it cannot be executed.
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn find_call(&mut self, binding: &mut Binding) -> Option<TaskPointer> {
+        let task = binding.task?;
+        if self.lent == binding.place.number() || task.banks != self.registry.address() {
+            return None;
+        }
+        self.io.state.done = 0;
+        let ports = task.declared.ports;
+        self.io.state.ports = ports;
+        if !ports.is_empty() {
+            let is_known = binding.is_found(self.changes)
+                && (binding.is_limited == 0 || self.are_fresh(binding, ports));
+            if !is_known && !self.connect(binding, task) {
+                return None;
+            }
+            self.io.state.take_buffers(&binding.buffers, ports.len());
+        }
+        Some(task.pointer)
     }
 
     /// What was prepared is not executed.
@@ -1535,63 +1636,85 @@ impl<'m> Executor<'m> {
         self.call = None;
     }
 
-    /// Executes the task that was prepared, if one was. What it wrote is published by
-    /// [`end_step`](Self::end_step).
+    /// Executes the task that was prepared, if one was, and `begin` before it. What the task wrote
+    /// is published by [`end_step`](Self::end_step).
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(crate) fn run(&mut self) -> Option<Step> {
-        let Call { task, enter } = self.call?;
-        let mut io = Io {
-            state: &mut self.state,
-        };
+    pub(crate) fn run(&mut self, begin: impl FnOnce()) -> Option<Step> {
+        let task = self.call?;
+        begin();
         // SAFETY: the pointer is of a task of this executor's banks (invariant 5), which owns it
         // (invariant 1). It is not lent: it was not when it was prepared, and lending takes that
         // back.
-        let step = unsafe { (task.step)(task.place, enter, &mut io) };
+        let step = unsafe { (task.step)(task.place, self.enter, &mut self.io) };
         self.call = None;
         Some(step)
     }
 
-    /// Publishes what the task wrote that was executed last, and tells what else it said, if it
-    /// said something.
+    /// Publishes what the task wrote that was executed last. Returns the control flags that it
+    /// wrote, and whether it [told](Self::told) something else.
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(crate) fn end_step(&mut self, binding: &Binding) -> Option<StepOutput> {
-        let done = self.state.done;
+    pub(crate) fn end_step(&mut self, binding: &Binding) -> (FlagChanges, bool) {
+        let done = self.io.state.done;
         if done & WRITTEN_PORTS != 0 {
             self.publish(binding);
         }
-        (done & !WRITTEN_PORTS != 0).then(|| self.state.said())
+        (self.io.state.flag_changes(), done & HAS_TOLD != 0)
     }
 
-    /// Finds the buffer of each data port. False if a required input has no fresh value.
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn connect(&mut self, binding: &mut Binding, task: BoundTask) -> bool {
-        let robot_us = self.state.robot_us;
-        let mut alone = binding.alone;
-        let ports = task.declared.ports.iter().zip(&binding.ports);
-        for ((port, bound), place) in ports.zip(&mut self.state.values) {
-            let net = self.nets.get(usize::from(bound.net));
-            let found = match usual_value(net, *bound, alone & 1 != 0, port, task, robot_us) {
-                Some(found) => found,
-                None => return self.connect_anew(binding, task),
-            };
-            *place = found;
-            if found.is_none() && !port.optional {
+    /// What else the task said that was executed last.
+    pub(crate) fn told(&self) -> (Option<u32>, Option<SafeReason>) {
+        self.io.state.told()
+    }
+
+    /// Whether no value is too old on the data ports that mind.
+    #[inline(never)]
+    fn are_fresh(&self, binding: &Binding, ports: &[PortDeclaration]) -> bool {
+        let robot_us = self.robot_us();
+        let mut limited = binding.is_limited;
+        while limited != 0 {
+            let index = limited.trailing_zeros() as usize;
+            limited &= limited - 1;
+            let net = binding.net(self.nets, index);
+            if let (Some(net), Some(port)) = (net, ports.get(index))
+                && !net.is_fresh(port, robot_us)
+            {
                 return false;
             }
-            alone >>= 1;
         }
         true
     }
 
-    /// Finds the buffer of each data port where for one of them a look at its net is not enough.
+    /// Finds the buffer of each data port. False if a required input has no fresh value.
     #[inline(never)]
-    fn connect_anew(&mut self, binding: &mut Binding, task: BoundTask) -> bool {
-        let robot_us = self.state.robot_us;
+    fn connect(&mut self, binding: &mut Binding, task: BoundTask) -> bool {
+        let robot_us = self.robot_us();
+        binding.found_at = Changes::NEVER;
+        binding.unpublished = 0;
         for (index, port) in task.declared.ports.iter().enumerate() {
-            let Some(place) = self.state.values.get_mut(index) else {
-                break;
+            let Some(found) = usual_value(self.nets, binding, index, port, robot_us) else {
+                return self.connect_anew(binding, task);
             };
-            *place = find_buffer(
+            if found.is_none() && !port.optional {
+                return false;
+            }
+            if let Some(buffer) = binding.buffers.get_mut(index) {
+                *buffer = found;
+            }
+            let net = binding.net(self.nets, index);
+            if net.is_some_and(|net| net.value.map(|value| value.head) != found) {
+                binding.unpublished |= 1 << index;
+            }
+        }
+        binding.found(self.changes);
+        true
+    }
+
+    /// Finds the buffer of each data port where for one of them a look at its net is not enough.
+    fn connect_anew(&mut self, binding: &mut Binding, task: BoundTask) -> bool {
+        let robot_us = self.robot_us();
+        binding.unpublished = u8::MAX;
+        for (index, port) in task.declared.ports.iter().enumerate() {
+            let found = find_buffer(
                 self.nets,
                 self.registry,
                 binding,
@@ -1600,8 +1723,11 @@ impl<'m> Executor<'m> {
                 robot_us,
                 true,
             );
-            if place.is_none() && !port.optional {
+            if found.is_none() && !port.optional {
                 return false;
+            }
+            if let Some(buffer) = binding.buffers.get_mut(index) {
+                *buffer = found;
             }
         }
         true
@@ -1610,33 +1736,41 @@ impl<'m> Executor<'m> {
     /// Publishes what the task wrote. What was changed keeps its time.
     #[cfg_attr(feature = "speed", inline(always))]
     fn publish(&mut self, binding: &Binding) {
-        let mut written = self.state.done & WRITTEN_PORTS;
-        while written != 0 {
-            let index = written.trailing_zeros() as usize;
-            written &= written - 1;
-            let (Some(bound), Some(&value)) =
-                (binding.ports.get(index), self.state.values.get(index))
-            else {
-                return;
-            };
-            let Some(net) = self.nets.get_mut(usize::from(bound.net)) else {
-                continue;
-            };
-            if binding.keeps_time >> index & 1 == 0 {
-                net.value_us = self.state.robot_us;
+        let mut new = self.io.state.done & u32::from(binding.is_new);
+        while new != 0 {
+            let index = new.trailing_zeros() as usize;
+            new &= new - 1;
+            if let Some(&net) = binding.nets.get(index)
+                && let Some(net) = self.nets.get_mut(usize::from(net))
+            {
+                net.value_us = self.io.state.start_robot_us();
             }
-            if net.value.map(|value| value.head) != value {
-                self.publish_another(usize::from(bound.net), index, value);
-            }
+        }
+        // Else nets refer already to what it wrote over.
+        if self.io.state.done & u32::from(binding.unpublished) != 0 {
+            self.publish_others(binding);
         }
     }
 
-    /// Publishes a value on a net that has another one, or none.
+    /// Publishes what the task wrote where a net does not refer to it yet.
     #[inline(never)]
-    fn publish_another(&mut self, net: usize, port: usize, value: Option<NonNull<Head>>) {
-        if let (Some(net), Some(port)) = (self.nets.get_mut(net), self.state.ports.get(port)) {
-            let kind = port.kind;
-            net.publish(value.map(|head| ErasedBuffer { head, kind }), net.value_us);
+    fn publish_others(&mut self, binding: &Binding) {
+        let mut written = self.io.state.done & u32::from(binding.unpublished);
+        while written != 0 {
+            let index = written.trailing_zeros() as usize;
+            written &= written - 1;
+            if let (Some(&net), Some(port)) =
+                (binding.nets.get(index), self.io.state.ports.get(index))
+                && let (Some(net), Some(&Some(head))) = (
+                    self.nets.get_mut(usize::from(net)),
+                    self.io.state.values.get(index),
+                )
+                && net.value.is_none_or(|value| value.head != head)
+            {
+                let kind = port.kind;
+                self.changes.count();
+                net.publish(Some(ErasedBuffer { head, kind }), net.value_us);
+            }
         }
     }
 
@@ -1664,10 +1798,9 @@ impl<'m> Executor<'m> {
     ) -> Option<BackgroundRun<'m>> {
         self.call = None;
         let task = binding.task?;
-        if task.banks != self.registry.address() || self.lent.is_some() {
+        if task.banks != self.registry.address() || self.lent != NOBODY {
             return None;
         }
-        let mut binding = *binding;
         let mut state = IoState {
             ports: task.declared.ports,
             robot_us: step_us,
@@ -1675,14 +1808,11 @@ impl<'m> Executor<'m> {
         };
         let mut times_us = [0; MAX_DATA_PORTS];
         for (index, port) in task.declared.ports.iter().enumerate() {
-            let net = binding
-                .ports
-                .get(index)
-                .and_then(|bound| self.nets.get(usize::from(bound.net)));
+            let net = binding.net(self.nets, index);
             let found = find_buffer(
                 self.nets,
                 self.registry,
-                &mut binding,
+                binding,
                 task,
                 index,
                 step_us,
@@ -1702,13 +1832,14 @@ impl<'m> Executor<'m> {
         for value in read_by(&state) {
             // SAFETY: a value on a net is in a buffer of this executor's banks (invariant 1).
             unsafe { head(value) }.pin();
+            self.changes.count();
         }
-        self.lent = Some(binding.place.number());
+        self.lent = binding.place.number();
         self.lent_is_stale = false;
         Some(BackgroundRun {
-            binding,
+            binding: *binding,
             banks: self.registry.banks,
-            state,
+            io: Io::new(state),
             times_us,
             entered: false,
             step: Step::Run,
@@ -1722,15 +1853,15 @@ impl<'m> Executor<'m> {
         // A list of banks is borrowed by one executor alone, and one that has lent a task is not
         // empty: its address is nobody else's.
         let own = core::ptr::eq(self.registry.banks, background_run.banks);
-        if !own || self.lent != Some(background_run.binding.place.number()) {
+        if !own || self.lent != background_run.binding.place.number() {
             return ReturnedRun::Foreign;
         }
-        for value in read_by(&background_run.state) {
+        for value in read_by(&background_run.io.state) {
             // SAFETY: the background run is one of this executor's, so that its values are in
             // buffers of its banks (invariant 1).
             unsafe { head(value) }.unpin();
         }
-        self.lent = None;
+        self.lent = NOBODY;
         if core::mem::take(&mut self.lent_is_stale) {
             let place = background_run.binding.place;
             if let Some(bank) = self.registry.bank(usize::from(place.bank)) {
@@ -1739,49 +1870,41 @@ impl<'m> Executor<'m> {
             }
             return ReturnedRun::Stale;
         }
-        let written = |index: &usize| background_run.state.done & WRITTEN_PORTS & 1 << index != 0;
+        let written =
+            |index: &usize| background_run.io.state.done & WRITTEN_PORTS & 1 << index != 0;
         for index in (0..MAX_DATA_PORTS).filter(written) {
-            if let (Some(port), Some(bound), Some(&value), Some(&time_us)) = (
-                background_run.state.ports.get(index),
-                background_run.binding.ports.get(index),
-                background_run.state.values.get(index),
+            if let (Some(port), Some(&bound), Some(&value), Some(&time_us)) = (
+                background_run.io.state.ports.get(index),
+                background_run.binding.nets.get(index),
+                background_run.io.state.values.get(index),
                 background_run.times_us.get(index),
-            ) && let Some(net) = self.nets.get_mut(usize::from(bound.net))
+            ) && let Some(net) = self.nets.get_mut(usize::from(bound))
             {
+                self.changes.count();
                 let kind = port.kind;
                 let keeps_time = port.direction == Direction::InOut;
                 let value_us = if keeps_time { time_us } else { step_us };
                 net.publish(value.map(|head| ErasedBuffer { head, kind }), value_us);
             }
         }
-        let said = background_run.state.said();
+        let (allowed_overruns, failure) = background_run.io.state.told();
         ReturnedRun::Ended(Outcome {
             step: background_run.step,
-            flags: said.flags,
-            allowed_overruns: said.allowed_overruns,
-            failure: said.failure,
+            flags: background_run.io.state.flag_changes(),
+            allowed_overruns,
+            failure,
         })
     }
 
-    /// Whether a net holds a value.
+    /// The value on a net, to be written into payloads.
     #[cfg(feature = "links")]
-    pub(crate) fn has_value(&self, net: usize) -> bool {
-        self.nets.get(net).is_some_and(|net| net.value.is_some())
-    }
-
-    /// Writes the value on a net into a payload of its length, if there is one.
-    #[cfg(feature = "links")]
-    pub(crate) fn put_value(&self, net: usize, payload: &mut [u8]) {
-        let Some(value) = self.nets.get(net).and_then(|net| net.value) else {
-            return;
-        };
-        let codec = value.kind.codec();
-        if payload.len() == codec.payload_bytes {
-            // SAFETY: the kind is that of the buffer (invariant 4), and a published value is not
-            // written except while a task is executed, which borrows the executor mutably
-            // (invariant 3).
-            unsafe { (codec.put)(value.head.cast(), payload) };
-        }
+    pub(crate) fn value_to_send(&self, net: usize) -> Option<ValueToSend<'_>> {
+        let value = self.nets.get(net)?.value?;
+        Some(ValueToSend {
+            head: value.head.cast(),
+            codec: value.kind.codec(),
+            executor: PhantomData,
+        })
     }
 
     /// Publishes the value of a payload on a net. Where the last one that came so is on no other
@@ -1802,10 +1925,12 @@ impl<'m> Executor<'m> {
         let Some(net) = self.nets.get_mut(net).filter(|_| fits) else {
             return false;
         };
+        let first = self.received.as_ptr().addr();
         let places = self.received.iter();
         let mut places = places.map(|place| NonNull::from(&place.0).cast::<Head>());
         let own = net.value.filter(|value| {
-            let is_own = places.clone().any(|place| place == value.head);
+            let from_first = value.head.addr().get().wrapping_sub(first);
+            let is_own = from_first < size_of_val(self.received);
             is_own && value.kind.is(kind) && value.head().uses.get() == PUBLISHED_ONCE
         });
         let free = || {
@@ -1820,6 +1945,9 @@ impl<'m> Executor<'m> {
         // has provenance over all of it. No net but this one refers to it and no background run
         // reads it, so that nobody looks at the value (invariant 3).
         unsafe { (codec.take)(payload, place.cast()) };
+        if own.is_none() {
+            self.changes.count();
+        }
         net.publish(Some(ErasedBuffer { head: place, kind }), value_us);
         true
     }
@@ -1834,6 +1962,7 @@ impl<'m> Executor<'m> {
         storage: &'m mut Buffered<V>,
     ) {
         self.call = None;
+        self.changes.count();
         let [buffer, ..] = &mut storage.buffers;
         *buffer.value.get_mut() = value;
         let storage: &'m Buffered<V> = storage;
@@ -1846,6 +1975,7 @@ impl<'m> Executor<'m> {
     #[cfg(any(test, feature = "std"))]
     pub(crate) fn empty(&mut self, net: usize) {
         self.call = None;
+        self.changes.count();
         if let Some(net) = self.nets.get_mut(net) {
             net.publish(None, 0);
         }
@@ -1915,32 +2045,32 @@ fn read_by(state: &IoState) -> impl Iterator<Item = NonNull<Head>> {
 
 /// The buffer of a port, where it takes no more than a look at its net: whose value it reads, or
 /// writes over or changes in place, since it can be seen nowhere else.
-#[cfg_attr(feature = "speed", inline(always))]
 fn usual_value(
-    net: Option<&Net>,
-    bound: BoundPort,
-    is_alone: bool,
+    nets: &[Net],
+    binding: &Binding,
+    index: usize,
     port: &PortDeclaration,
-    task: BoundTask,
     robot_us: u64,
 ) -> Option<Option<NonNull<Head>>> {
+    let net = binding.net(nets, index);
+    let is_alone = binding.alone >> index & 1 != 0;
     // SAFETY: a value on a net is in a buffer of its executor's banks (invariant 1).
     let is_own =
         |value: NonNull<Head>| is_alone && unsafe { head(value) }.uses.get() == PUBLISHED_ONCE;
     if port.direction == Direction::Out {
-        let buffer = usize::from(bound.buffer);
-        return match net {
-            // Of the port's own buffers, so that it has the port's type.
-            Some(net) => {
-                let value = net.value?.head;
-                let is_last = distance(task.pointer, value) == buffer;
-                (is_last && is_own(value)).then_some(Some(value))
-            }
+        // Of the port's own buffers, so that it has the port's type.
+        let last = (*binding.buffers.get(index)?)?;
+        let is_usual = match net {
+            // What it wrote last is written over, or, where that is nowhere any more, written anew.
+            Some(net) => match net.value {
+                Some(value) if value.head == last => is_own(last),
+                // SAFETY: it is a buffer of the executor's banks (invariant 1).
+                _ => unsafe { head(last) }.is_free(),
+            },
             // Nobody ever reads a buffer of a port that leads nowhere.
-            // SAFETY: it is one of the port's own, as binding and choosing found.
-            None => (bound.net == NO_NET && buffer != 0)
-                .then(|| Some(unsafe { buffer_at(task.pointer, buffer) })),
+            None => binding.nets.get(index) == Some(&NO_NET),
         };
+        return is_usual.then_some(Some(last));
     }
     let Some((net, value)) = net.and_then(|net| Some((net, net.value?))) else {
         return Some(None);
@@ -1959,7 +2089,7 @@ fn usual_value(
 fn find_buffer(
     nets: &[Net],
     registry: Registry<'_>,
-    binding: &mut Binding,
+    binding: &Binding,
     task: BoundTask,
     index: usize,
     robot_us: u64,
@@ -1968,13 +2098,11 @@ fn find_buffer(
     let ports = task.declared.ports;
     let port = ports.get(index)?;
     if port.direction == Direction::In {
-        let net = nets.get(usize::from(binding.ports.get(index)?.net))?;
-        return net.fresh(port, robot_us);
+        return binding.net(nets, index)?.fresh(port, robot_us);
     }
     let bank = registry.bank(usize::from(binding.place.bank))?;
     let buffers = bank.output(usize::from(binding.place.place), index)?;
-    let bound = binding.ports;
-    let net_of = |port: usize| nets.get(usize::from(bound.get(port)?.net));
+    let net_of = |port: usize| binding.net(nets, port);
     let is_changed = port.direction == Direction::InOut;
     let current = net_of(index).and_then(|net| {
         net.value_for(port)?;
@@ -2018,9 +2146,6 @@ fn find_buffer(
             _ => buffers.free_buffer()?,
         }
     };
-    if let Some(bound) = binding.ports.get_mut(index) {
-        bound.buffer = kept_distance(task.pointer, chosen.head);
-    }
     Some(chosen.head)
 }
 
@@ -2029,7 +2154,7 @@ fn find_buffer(
 pub struct BackgroundRun<'m> {
     binding: Binding,
     banks: &'m [&'m mut (dyn AnyTaskPool + 'm)],
-    state: IoState,
+    io: Io<'static>,
     /// The time of each `inout` port's value, which it keeps when it is published again.
     times_us: [u64; MAX_DATA_PORTS],
     entered: bool,
@@ -2054,11 +2179,9 @@ impl BackgroundRun<'_> {
             let Some(task) = self.binding.task else {
                 return Step::Finished;
             };
-            let mut io = Io {
-                state: &mut self.state,
-            };
+            let TaskPointer { place, step } = task.pointer;
             // SAFETY: the task is lent to this background run (invariant 2), of which there is one.
-            self.step = unsafe { (task.pointer.step)(task.pointer.place, !self.entered, &mut io) };
+            self.step = unsafe { step(place, !self.entered, &mut self.io) };
             self.entered = true;
         }
         self.step
@@ -2067,6 +2190,8 @@ impl BackgroundRun<'_> {
 
 #[cfg(test)]
 mod tests {
+    use proptest::strategy::Strategy;
+
     use super::*;
     use crate::registry::nets;
     use crate::task;
@@ -2430,6 +2555,110 @@ mod tests {
             // The other ports of the net want nothing of the kind.
             assert!(step_at(executor, u64::MAX, READER, reader_net));
         });
+    }
+
+    /// What happens to a robot's values.
+    #[derive(Clone, Copy, Debug)]
+    enum Happens {
+        /// A task is executed, so many microseconds later.
+        Execution(usize, u64),
+        /// A task is lent, or what was lent comes back after so many steps.
+        BackgroundRun(usize, usize),
+        /// A mission takes over that has the same nets, and keeps this one's value.
+        Migration(usize),
+        /// The mission begins anew.
+        Clear,
+    }
+
+    /// A task, and the nets of its ports.
+    type Instance = (TaskPlace, fn(usize) -> Option<usize>);
+    const INSTANCES: [Instance; 5] = [
+        (SOURCE, source_net),
+        (OTHER_SOURCE, source_net),
+        (ADDER, adder_reads_too),
+        (CAREFUL, careful_net),
+        (READER, reader_net),
+    ];
+
+    /// Whether something was done, and what is on the nets then: values and their times.
+    type Published = (bool, [Option<(Count, u64)>; 2]);
+
+    /// What tasks have published after each of these, where each execution finds its buffers anew,
+    /// or where bindings are kept from one to the next.
+    fn published_after(happens: &[Happens], are_kept: bool) -> Vec<Published> {
+        let mut all = Vec::new();
+        with_careful_robot(|executor| {
+            let registry = executor.registry();
+            let mut bindings = INSTANCES.map(|(task, net_of)| registry.bind(task, net_of));
+            let mut lent = None;
+            let mut now_us = 0;
+            for &happens in happens {
+                let is_executed = match happens {
+                    Happens::Execution(instance, later_us) => {
+                        now_us += later_us;
+                        let binding = &mut bindings[instance];
+                        if !are_kept {
+                            binding.found_at = Changes::NEVER;
+                        }
+                        executor.begin(now_us, now_us);
+                        executor.prepare(binding, true);
+                        let is_executed = executor.is_prepared();
+                        if is_executed {
+                            executor.run(|| ()).unwrap();
+                            executor.end_step(binding);
+                        }
+                        is_executed
+                    }
+                    Happens::BackgroundRun(instance, steps) => match lent.take() {
+                        None => {
+                            let binding = &bindings[instance];
+                            lent = executor.checkout_bound(binding, now_us, |_, _| ());
+                            lent.is_some()
+                        }
+                        Some(mut run) => {
+                            (0..steps).for_each(|_| _ = BackgroundRun::step(&mut run));
+                            matches!(executor.return_run(run, now_us), ReturnedRun::Ended(_))
+                        }
+                    },
+                    Happens::Migration(net) => {
+                        executor.begin_migration();
+                        executor.migrate_net(net, net);
+                        executor.end_migration(core::iter::empty());
+                        true
+                    }
+                    Happens::Clear => {
+                        executor.clear();
+                        true
+                    }
+                };
+                let on = |net: usize| Some((executor.value_on(net)?, executor.nets[net].value_us));
+                all.push((is_executed, [on(NET), on(SUM)]));
+            }
+        });
+        all
+    }
+
+    proptest::proptest! {
+        #![proptest_config(proptest::prelude::ProptestConfig::with_cases(8_192))]
+        #[test]
+        fn an_execution_finds_what_one_finds_that_looks_anew(
+            happens in proptest::collection::vec(
+                proptest::prop_oneof![
+                    12 => (0..INSTANCES.len(), 0..40_u64)
+                        .prop_map(|(instance, later_us)| Happens::Execution(instance, later_us)),
+                    4 => (0..INSTANCES.len(), 0..4_usize)
+                        .prop_map(|(instance, steps)| Happens::BackgroundRun(instance, steps)),
+                    1 => (0..2_usize).prop_map(Happens::Migration),
+                    1 => proptest::strategy::Just(Happens::Clear),
+                ],
+                1..60,
+            ),
+        ) {
+            proptest::prop_assert_eq!(
+                published_after(&happens, true),
+                published_after(&happens, false)
+            );
+        }
     }
 
     #[test]

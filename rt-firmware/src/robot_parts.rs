@@ -11,7 +11,7 @@ use crate::body::{
     Parts, SONARS, TriggerPin,
 };
 use crate::drivers::{AnalogIn, EchoTimer, EncoderCounter};
-use crate::rover::{ExtraParts, RoverParts, split_pins};
+use crate::rover::{Extras, PinExtras, RoverParts, split_pins};
 
 /// The types of a board's pins. A registry that is generic over them is a robot on every board:
 ///
@@ -63,6 +63,8 @@ pub trait PartTypes {
     type Analog: AnalogIn + Send;
     /// Digital output for the robot's own drivers.
     type Output: OutputPin + Send;
+    /// Parts that not every robot has.
+    type Extras: Extras;
 }
 
 /// The rover's parts on a board with these types.
@@ -77,6 +79,7 @@ pub type PartsOf<P, const N: usize = SONARS> = RoverParts<
     <P as PartTypes>::EchoTimer,
     <P as PartTypes>::Analog,
     N,
+    <P as PartTypes>::Extras,
 >;
 
 /// What a board gives a robot of one's own.
@@ -101,6 +104,7 @@ impl<'a> PartTypes for PinParts<'a> {
     type EchoTimer = EchoCapture<'a>;
     type Analog = AnalogChannel<'a>;
     type Output = AuxOutput<'a>;
+    type Extras = PinExtras<'a>;
 }
 
 impl<'a> From<Parts<'a>> for RobotParts<PinParts<'a>> {
@@ -108,20 +112,7 @@ impl<'a> From<Parts<'a>> for RobotParts<PinParts<'a>> {
     fn from(parts: Parts<'a>) -> Self {
         let (rover, spare) = split_pins(parts);
         Self {
-            rover: RoverParts {
-                left_pwm: rover.left_pwm,
-                left_direction: rover.left_direction,
-                right_pwm: rover.right_pwm,
-                right_direction: rover.right_direction,
-                left_encoder: rover.left_encoder,
-                right_encoder: rover.right_encoder,
-                sonar_triggers: rover.sonar_triggers,
-                echo_timers: rover.echo_timers,
-                array: None,
-                battery: rover.battery,
-                line_sensors: rover.line_sensors,
-                extras: ExtraParts::NONE,
-            },
+            rover,
             outputs: spare.aux_outputs,
         }
     }

@@ -54,7 +54,9 @@ use crate::features::MISSIONS;
 use crate::frames::FrameLists;
 use crate::frames::FrameMemory;
 use crate::heartbeats::Heartbeats;
-use crate::link::device::{LinkSide, RequestHandler};
+#[cfg(feature = "behaviours")]
+use crate::link::device::ScriptKeeper;
+use crate::link::device::{LineRate, LinkSide, RequestHandler};
 use crate::ports::{AnyTaskPool, BackgroundRun, Net, RegistryFault, assemble};
 use crate::realtime::commands::Commands;
 use crate::realtime::execution::Execution;
@@ -76,6 +78,7 @@ use crate::stops::Place;
 use crate::telemetry::TelemetryMemory;
 use esm_core::{BlobBuffer, Dispatcher};
 use esm_link::message::Capacities;
+use esm_link::selftest::MEASURES_BYTES;
 
 /// Entries of the table of what two missions have in common, for each word of the interpreter's. It
 /// is never too short for their region instances.
@@ -297,6 +300,10 @@ pub fn split<
         start_wanted: false,
         watch: None,
         stop_is_stored: false,
+        line_rate: LineRate::Own,
+        measures: [0; MEASURES_BYTES],
+        #[cfg(feature = "behaviours")]
+        script_keeper: ScriptKeeper::EMPTY,
     });
     Ok((real_time, background, link))
 }

@@ -57,6 +57,7 @@ macro_rules! fields {
 
 /// Writes a field to the beginning of a payload, and gives what is behind it.
 #[doc(hidden)]
+#[inline(always)]
 pub fn put_first<'p, F: Field>(field: &F, payload: &'p mut [u8]) -> &'p mut [u8] {
     match payload.split_at_mut_checked(F::BYTES) {
         Some((first, rest)) => {
@@ -69,6 +70,7 @@ pub fn put_first<'p, F: Field>(field: &F, payload: &'p mut [u8]) -> &'p mut [u8]
 
 /// Reads a field from the beginning of a payload, and gives what is behind it.
 #[doc(hidden)]
+#[inline(always)]
 pub fn take_first<'p, F: Field>(field: &mut F, payload: &'p [u8]) -> &'p [u8] {
     match payload.split_at_checked(F::BYTES) {
         Some((first, rest)) => {
@@ -143,18 +145,21 @@ trait Item: Copy {
     fn of_bits(bits: u32) -> Self;
 }
 
-/// Writes an item, little endian.
-fn put_item(item: impl Item, bytes: &mut [u8]) {
-    for (byte, bits) in bytes.iter_mut().zip(item.bits().to_le_bytes()) {
-        *byte = bits;
+/// Writes an item into as many bytes, little endian.
+#[inline(always)]
+fn put_item<I: Item>(item: I, bytes: &mut [u8]) {
+    let bits = item.bits().to_le_bytes();
+    if let (Some(place), Some(bits)) = (bytes.get_mut(..I::BYTES), bits.get(..I::BYTES)) {
+        place.copy_from_slice(bits);
     }
 }
 
-/// Reads an item, little endian.
+/// Reads an item from as many bytes, little endian.
+#[inline(always)]
 fn item<I: Item>(bytes: &[u8]) -> I {
     let mut bits = [0; size_of::<u32>()];
-    for (bits, byte) in bits.iter_mut().zip(bytes) {
-        *bits = *byte;
+    if let (Some(bits), Some(bytes)) = (bits.get_mut(..I::BYTES), bytes.get(..I::BYTES)) {
+        bits.copy_from_slice(bytes);
     }
     I::of_bits(u32::from_le_bytes(bits))
 }
@@ -204,9 +209,11 @@ macro_rules! field_types {
 
         impl Field for $name {
             const BYTES: usize = <Self as Item>::BYTES;
+            #[inline(always)]
             fn put(&self, bytes: &mut [u8]) {
                 put_item(*self, bytes);
             }
+            #[inline(always)]
             fn take(&mut self, bytes: &[u8]) {
                 *self = item(bytes);
             }

@@ -1,22 +1,25 @@
 //! Runs the dispatch benchmark's firmware in the emulator and prints what it measures: what
 //! `cargo xtask bench dispatch` starts.
 //!
-//! Its argument is the firmware, `boards/lm3s6965/src/bin/bench_dispatch.rs`. What it prints last
-//! is a table in Markdown; with `--json`, one object is all that it prints.
+//! Its arguments are `--board` with a name, and the firmwares, `bench_dispatch.rs` and, of the
+//! default board, `bench_links.rs` of `boards/<name>/src/bin`. What it prints last are tables in
+//! Markdown; with `--json`, one object is all that it prints.
 
 use std::collections::BTreeMap;
 use std::error::Error;
+use std::ffi::OsString;
 use std::fmt::Write as _;
 use std::fs;
-use std::path::Path;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use esm_tests::benchmark::emulated::Emulated;
+use esm_tests::benchmark::link_costs::{self, LinkCosts};
 use esm_tests::command::root;
 use esm_tests::exactness;
 use esm_tests::random::Random;
-use esm_tests::subject;
+use esm_tests::subject::build_file;
 use host_tools::compile::{self, NameTable};
 use host_tools::lang;
 use host_tools::link_client::{StreamEvent, Streams};
@@ -34,7 +37,7 @@ const INTERPRETER_US: usize = 30_000;
 /// From one slot to the next, in microseconds.
 const DISTANCE_US: usize = 4_000;
 /// Slots that have a task, at most: tasks take more of a blob than slots do.
-const TASKS: usize = 63;
+const TASKS: usize = 60;
 /// Slots from one with an enabled task to the next, as the firmware has it.
 const DISTANCE_OF_TASKS: usize = 3;
 /// Types of the enabled tasks, in the order in which slots have them, with their inputs and
@@ -100,26 +103,66 @@ impl Measured {
     }
 }
 
-fn main() -> ExitCode {
-    // Cargo adds an option of its own.
-    let arguments = std::env::args_os()
-        .skip(1)
-        .filter(|argument| argument != "--bench");
-    let (options, files): (Vec<_>, Vec<_>) =
-        arguments.partition(|argument| argument.to_string_lossy().starts_with('-'));
-    let [firmware] = files.as_slice() else {
-        eprintln!("the benchmark of the dispatcher needs a firmware: cargo xtask bench dispatch");
-        return ExitCode::from(2);
-    };
-    if let Some(wrong) = options.iter().find(|option| *option != "--json") {
-        let wrong = wrong.to_string_lossy();
-        eprintln!("the benchmark of the dispatcher has no {wrong}, only --json");
-        return ExitCode::from(2);
+/// What is measured.
+struct Subject {
+    /// QEMU's name of the board.
+    machine: &'static str,
+    firmware: PathBuf,
+    /// The firmware with links, where the board has one.
+    with_links: Option<PathBuf>,
+}
+
+/// What the arguments ask for.
+struct Wanted {
+    subject: Subject,
+    json: bool,
+}
+
+impl Wanted {
+    fn from_arguments(arguments: impl Iterator<Item = OsString>) -> Result<Self, String> {
+        let mut arguments = arguments;
+        let mut machine = host_tools::qemu::machine();
+        let mut files = Vec::new();
+        let mut json = false;
+        while let Some(argument) = arguments.next() {
+            match argument.to_str() {
+                // Cargo adds an option of its own.
+                Some("--bench") => {}
+                Some("--json") => json = true,
+                Some("--board") => {
+                    let name = arguments.next().unwrap_or_default();
+                    let name = name.to_string_lossy();
+                    machine = host_tools::qemu::machine_of(&name)
+                        .ok_or_else(|| format!("QEMU emulates no board {name}"))?;
+                }
+                Some(option) if option.starts_with('-') => {
+                    return Err(format!("there is no {option}, only --json and --board"));
+                }
+                _ => files.push(PathBuf::from(argument)),
+            }
+        }
+        let mut files = files.into_iter();
+        let firmware = files.next().ok_or("a firmware is needed")?;
+        let subject = Subject {
+            machine,
+            firmware,
+            with_links: files.next(),
+        };
+        Ok(Wanted { subject, json })
     }
-    let firmware = Path::new(firmware);
-    let ended = match options.is_empty() {
-        true => bench(firmware),
-        false => bench_json(firmware),
+}
+
+fn main() -> ExitCode {
+    let wanted = match Wanted::from_arguments(std::env::args_os().skip(1)) {
+        Ok(wanted) => wanted,
+        Err(problem) => {
+            eprintln!("the benchmark of the dispatcher: {problem}: cargo xtask bench dispatch");
+            return ExitCode::from(2);
+        }
+    };
+    let ended = match wanted.json {
+        false => bench(&wanted.subject),
+        true => bench_json(&wanted.subject),
     };
     match ended {
         Ok(()) => ExitCode::SUCCESS,
@@ -131,11 +174,11 @@ fn main() -> ExitCode {
 }
 
 /// Runs the firmware with each number of slots, beside each background; `each` hears of every run.
-fn run_all(firmware: &Path, each: impl Fn(&Measured)) -> Result<Vec<Measured>, Box<dyn Error>> {
+fn run_all(subject: &Subject, each: impl Fn(&Measured)) -> Result<Vec<Measured>, Box<dyn Error>> {
     let mut runs = Vec::new();
     for slots in SLOTS {
         for background in [Background::Spin, Background::Call] {
-            let measured = run(firmware, slots, background)?;
+            let measured = run(subject, slots, background)?;
             each(&measured);
             runs.push(measured);
         }
@@ -144,10 +187,35 @@ fn run_all(firmware: &Path, each: impl Fn(&Measured)) -> Result<Vec<Measured>, B
 }
 
 /// Prints what programs want to know as one JSON object, in instructions.
-fn bench_json(firmware: &Path) -> Result<(), Box<dyn Error>> {
-    let runs = run_all(firmware, |_| ())?;
-    println!("{}", json(&runs).ok_or("the firmware did not measure all")?);
+fn bench_json(subject: &Subject) -> Result<(), Box<dyn Error>> {
+    let runs = run_all(subject, |_| ())?;
+    let mut told = json(&runs).ok_or("the firmware did not measure all")?;
+    told["link"] = match &subject.with_links {
+        Some(with_links) => link_json(&link_costs::measure(with_links)?),
+        None => serde_json::Value::Null,
+    };
+    println!("{told}");
     Ok(())
+}
+
+/// What frames take, for programs.
+fn link_json(costs: &LinkCosts) -> serde_json::Value {
+    // As it is measured: in tenths.
+    let tenths = |it: f64| libm::round(it * 10.0) / 10.0;
+    serde_json::json!({
+        "transmit": costs.transmit,
+        "transmit_none": costs.transmit_none,
+        "transmit_beyond": tenths(costs.transmit_beyond()),
+        "receive": costs.receive,
+        "receive_none": costs.receive_none,
+        "receive_beyond": tenths(costs.receive_beyond()),
+        "checksum": costs.checksum,
+        "cobs_sent": costs.stuff,
+        "cobs_received": costs.unstuff,
+        "task": costs.task,
+        "interrupts_sent": costs.sent,
+        "interrupt_byte": costs.byte,
+    })
 }
 
 /// The results for programs; none if one is missing.
@@ -179,9 +247,12 @@ fn json(runs: &[Measured]) -> Option<serde_json::Value> {
     }))
 }
 
-fn bench(firmware: &Path) -> Result<(), Box<dyn Error>> {
-    let runs = run_all(firmware, |measured| println!("{}", told(measured)))?;
+fn bench(subject: &Subject) -> Result<(), Box<dyn Error>> {
+    let runs = run_all(subject, |measured| println!("{}", told(measured)))?;
     println!("\n{}", table(&runs));
+    if let Some(with_links) = &subject.with_links {
+        println!("{}", link_table(&link_costs::measure(with_links)?));
+    }
     let begun = Instant::now();
     let run = exactness::run(ACTIVATIONS);
     println!(
@@ -321,16 +392,21 @@ fn checked_missions() -> Result<Vec<Checked>, Box<dyn Error>> {
 
 /// Uploads a mission to the firmware and keeps the link busy until the firmware has told what it
 /// measured.
-fn run(firmware: &Path, slots: usize, background: Background) -> Result<Measured, Box<dyn Error>> {
+fn run(
+    subject: &Subject,
+    slots: usize,
+    background: Background,
+) -> Result<Measured, Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     if slots == MAIN_SLOTS && background == Background::Spin {
         for (name, blob) in checked_missions()? {
             fs::write(folder.path().join(name), blob)?;
         }
-        let player = subject::build_file(&root().join(PLAYER))?;
+        let player = build_file(&root().join(PLAYER))?;
         fs::write(folder.path().join("cd51.blob"), player.blob)?;
     }
-    let (mut board, mut client) = Emulated::start(firmware, folder.path())?;
+    let (mut board, mut client) =
+        Emulated::start_on(subject.machine, &subject.firmware, folder.path(), &[])?;
     client.upload(&mission(slots, background)?, &mut |_| ())?;
     let deadline = Instant::now() + RUN_LIMIT;
     let mut received = 0;
@@ -418,6 +494,34 @@ fn told(run: &Measured) -> String {
             instructions(range.mean),
             range.count
         );
+    }
+    text
+}
+
+/// What frames take, for the book.
+fn link_table(costs: &LinkCosts) -> String {
+    let mut text = String::from("| a frame of 16 bytes over a link | instructions |\n|---|---|\n");
+    for (says, instructions) in [
+        ("`transmit` with a frame adds to its slot", costs.transmit),
+        ("without one", costs.transmit_none),
+        ("`receive` with a frame adds to its slot", costs.receive),
+        ("without one", costs.receive_none),
+        ("any task adds", costs.task),
+        ("checksum", costs.checksum),
+        ("COBS of a frame that is sent", costs.stuff),
+        ("COBS of one that is received", costs.unstuff),
+        (
+            "sending a frame beyond checksum and COBS",
+            costs.transmit_beyond(),
+        ),
+        (
+            "receiving one beyond checksum and COBS",
+            costs.receive_beyond(),
+        ),
+        ("interrupts that send its 26 bytes", costs.sent),
+        ("interrupt that receives a byte", costs.byte),
+    ] {
+        let _ = writeln!(text, "| {says} | {instructions:.1} |");
     }
     text
 }

@@ -97,6 +97,17 @@ pub fn chip_firmware(board: &str) -> PathBuf {
     root().join(format!("target/firmware/{board}/rover.elf"))
 }
 
+/// The firmware of that board for the rover with more sensors, beside which its robot's file lies.
+/// Never older than its source.
+///
+/// # Panics
+/// As [`firmware`].
+pub fn firmware_with_sensors(board: &str) -> PathBuf {
+    static BUILT: OnceLock<()> = OnceLock::new();
+    BUILT.get_or_init(|| make(&["xtask", "firmware", "--board", board, "--with", "sensors"]));
+    root().join(format!("target/firmware/{board}/rover-sensors.elf"))
+}
+
 /// The firmware of the example of a robot with a file of its own. Never older than its source.
 ///
 /// # Panics
@@ -135,6 +146,25 @@ pub fn firmware_with_links() -> PathBuf {
     static BUILT: OnceLock<()> = OnceLock::new();
     BUILT.get_or_init(|| make(&["xtask", "firmware", "--with", "links"]));
     root().join("target/firmware/lm3s6965/rover-links.elf")
+}
+
+/// The same of the board stm32f405.
+///
+/// # Panics
+/// As [`firmware`].
+pub fn stm32f405_with_links() -> PathBuf {
+    static BUILT: OnceLock<()> = OnceLock::new();
+    BUILT.get_or_init(|| {
+        make(&[
+            "xtask",
+            "firmware",
+            "--board",
+            "stm32f405",
+            "--with",
+            "links",
+        ]);
+    });
+    root().join("target/firmware/stm32f405/rover-links.elf")
 }
 
 /// Runs cargo at the top of the checkout.

@@ -748,6 +748,15 @@ impl Liar {
                 let script = ScriptStatus::default();
                 Ok(Response::BehaviourList { script, entries })
             }
+            (Request::Behaviours(BehaviourRequest::KeptScript), _) => Ok(Response::BehaviourList {
+                script: ScriptStatus {
+                    script: edge(&mut self.random) as u32,
+                    steps: 1,
+                    ended: 0,
+                    state: ScriptState::Runs,
+                },
+                entries: &[],
+            }),
             (
                 Request::Behaviours(
                     BehaviourRequest::InsertAtTail(_) | BehaviourRequest::InsertAtHead(_),

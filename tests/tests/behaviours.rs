@@ -6,6 +6,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::Path;
 
 use esm_tests::command::{esm, firmware_with_behaviours};
+use object::{File, Object, ObjectSymbol};
 
 /// The trace of 40 s of the guard's round.
 fn trace(board: &[&str], world: &str) -> String {
@@ -34,6 +35,27 @@ fn a_round_is_the_same_on_the_emulated_board_and_on_the_host() {
         let turned = host.matches(r#""to":"round/Corner""#).count();
         assert!(turned >= corners, "{world}: {turned} corners");
     }
+}
+
+/// The robot with all behaviours takes 14 KB, which are the stack's where it is made as a value. So
+/// it is made in its place, bank by bank.
+#[test]
+fn the_robot_with_behaviours_leaves_room_on_the_stack() {
+    const LEFT_BYTES: u64 = 512;
+    let firmware = firmware_with_behaviours();
+    let bytes = std::fs::read(&firmware).unwrap();
+    let elf = File::parse(bytes.as_slice()).unwrap();
+    let address = |name| elf.symbol_by_name(name).unwrap().address();
+    let room_bytes = address("_stack_start") - address("_stack_end");
+    let run = ["run", "missions/guard.esm", "--until", "3 s", "--json"];
+    let there = ["--firmware", firmware.to_str().unwrap()];
+    let summary = esm(&[&run[..], &there].concat()).good().json();
+    let deepest_bytes = summary["deepest_stack_bytes"].as_u64().unwrap();
+    println!("{deepest_bytes} bytes of {room_bytes}");
+    assert!(
+        deepest_bytes + LEFT_BYTES <= room_bytes,
+        "{deepest_bytes} bytes of {room_bytes}"
+    );
 }
 
 #[test]

@@ -556,6 +556,14 @@ fn stock() -> tempfile::TempDir {
         let kept = ["--record", &recording, "--trace", &trace];
         esm(&[run.as_slice(), &kept].concat()).good();
     }
+    let run = [
+        "system",
+        "run",
+        "missions/head_and_base/head_and_base.system",
+    ];
+    let [recordings, trace] = ["robot.recs", "first.jsonl"].map(path);
+    let kept = ["--until", "5 s", "--record", &recordings, "--trace", &trace];
+    esm(&[run.as_slice(), &kept].concat()).good();
     esm(&["key", "new", "-o", &path("robot7.key")]).good();
     let ticks = "t_us,left,right\n0,65000,0\n20000,65030,32\n40000,65060,64\n";
     std::fs::write(path("ticks.csv"), ticks).unwrap();
@@ -568,12 +576,16 @@ fn stock() -> tempfile::TempDir {
 fn playground(stock: &Path) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    for name in ["missions", "examples"] {
+    for name in ["missions", "examples", "boards"] {
         std::os::unix::fs::symlink(root().join(name), at(name)).unwrap();
     }
     for entry in std::fs::read_dir(stock).unwrap() {
         let path = entry.unwrap().path();
-        std::fs::copy(&path, folder.path().join(path.file_name().unwrap())).unwrap();
+        let to = folder.path().join(path.file_name().unwrap());
+        match path.is_dir() {
+            true => std::os::unix::fs::symlink(&path, to).unwrap(),
+            false => _ = std::fs::copy(&path, to).unwrap(),
+        }
     }
     folder
 }

@@ -21,6 +21,7 @@ use host_tools::link_client::{ClientError, LinkClient};
 use host_tools::lockstep::pace::Pace;
 use host_tools::lockstep::plant_side::PlantSide;
 use host_tools::model::Task;
+use host_tools::plant::flash::Flash;
 use host_tools::plant::{BodyParameters, Plant};
 use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::run::by_hand::{ByHand, Driven};
@@ -28,27 +29,41 @@ use host_tools::run::drive::Plan;
 use host_tools::script::{Script, read};
 use host_tools::serial::ByteLink;
 use rt_firmware::behaviours::{GoTo, MAX_BEHAVIOURS, MAX_INSERTED, Move};
+use rt_firmware::body::flash::ERASE_BYTES;
 use rt_firmware::declaration_of;
+use rt_firmware::store::SCRIPT_BYTES;
+use rt_firmware::store::flash_store::bank_bytes;
 use rt_firmware::tasks::Twist;
 
 type Client = LinkClient<Box<dyn ByteLink>>;
 
 /// A robot on the host board that runs a mission, whose time passes while somebody waits for it.
 fn with_robot(mission: &str, test: impl FnOnce(&mut Client)) {
+    switched_on(None, |robot| {
+        upload(robot, mission);
+        test(robot);
+        assert_eq!(robot.status().unwrap().missed, 0, "slots");
+    });
+}
+
+/// A robot on the host board, with this flash, from power-on on.
+fn switched_on(flash: Option<&Flash>, test: impl FnOnce(&mut Client)) {
     let plant = Plant::new(world("empty"), BodyParameters::default(), 1).unwrap();
-    let plant = PlantSide::new(plant, Pace::new(false), None);
+    let plant = PlantSide::new(plant, Pace::new(false), None).with_flash(flash.cloned());
     let board = Board::Host {
         robot: host_board::rover,
     };
     let (_running, line) = RunningBoard::start(board, &plant, None, LinkWay::Exchange).unwrap();
     let (mut robot, _) = LinkClient::connect(line).unwrap();
     robot.limit_waits(None);
+    test(&mut robot);
+}
+
+fn upload(robot: &mut Client, mission: &str) {
     let blob = subject::build_file(&root().join(mission)).unwrap().blob;
     robot.stage(&blob, &mut |_| ()).unwrap();
     robot.commit(Swap::default()).unwrap();
-    wait(&mut robot, 200);
-    test(&mut robot);
-    assert_eq!(robot.status().unwrap().missed, 0, "slots");
+    wait(robot, 200);
 }
 
 fn wait(robot: &mut Client, ms: u64) {
@@ -304,6 +319,72 @@ fn a_script_arrives_whole_or_not_at_all() {
         let listed = robot.behaviour_list().unwrap();
         assert_eq!(listed.script.state, ScriptState::Ended);
         assert!(listed.entries.is_empty());
+    });
+}
+
+#[test]
+fn a_script_that_is_kept_starts_again_with_its_mission_until_it_is_removed() {
+    const LONG: &str = "go_to x_m = 3 unless near range_m = 0.1 -> cancel\nturn_to angle_rad = 1\n";
+    let flash = Flash::blank(host_board::FLASH_BYTES);
+    let kept = script(LONG);
+    let of_kept = |robot: &mut Client| robot.kept_script().unwrap();
+    switched_on(Some(&flash), |robot| {
+        upload(robot, "missions/by_hand.esm");
+        assert_eq!(refused(robot.keep_script(&kept)), LinkError::NoScript);
+        assert_eq!(of_kept(robot).state, ScriptState::None);
+        robot.run_script(&kept).unwrap();
+        robot.keep_script(&kept).unwrap();
+        let status = of_kept(robot);
+        assert_eq!((status.script, status.steps), (kept.id(), 2));
+        assert_eq!(status.state, ScriptState::Runs);
+        // What comes after it is not kept.
+        robot.run_script(&script("turn_to angle_rad = 2")).unwrap();
+        wait(robot, 100);
+    });
+    let begins = |robot: &mut Client| {
+        wait(robot, 2_000);
+        let listed = robot.behaviour_list().unwrap();
+        (listed.script.script, listed.script.state, listed.entries)
+    };
+    for _ in 0..2 {
+        switched_on(Some(&flash), |robot| {
+            let (script, state, entries) = begins(robot);
+            assert_eq!((script, state), (kept.id(), ScriptState::Runs));
+            assert_eq!(entries.len(), 1);
+            assert_eq!(entries[0].origin, Origin::Script);
+            assert_eq!(robot.status().unwrap().missed, 0, "slots");
+        });
+    }
+    // With another mission it does not begin.
+    switched_on(Some(&flash), |robot| {
+        upload(robot, "missions/guard.esm");
+        assert_eq!(of_kept(robot).state, ScriptState::Ended);
+    });
+    switched_on(Some(&flash), |robot| {
+        assert_eq!(begins(robot).1, ScriptState::None);
+        upload(robot, "missions/by_hand.esm");
+    });
+    // A client that has a script of its own comes first.
+    let own = script("turn_to angle_rad = 3");
+    switched_on(Some(&flash), |robot| {
+        wait(robot, 2_000);
+        robot.run_script(&own).unwrap();
+        assert_eq!(begins(robot).0, own.id());
+        robot.remove_script().unwrap();
+        assert_eq!(of_kept(robot).state, ScriptState::None);
+    });
+    switched_on(Some(&flash), |robot| {
+        assert_eq!(begins(robot).1, ScriptState::None);
+        assert_eq!(of_kept(robot).state, ScriptState::None);
+    });
+    // A flash with room for missions and records alone.
+    let script_bytes = 2 * bank_bytes(SCRIPT_BYTES as u32, ERASE_BYTES as u32);
+    let small = Flash::blank(host_board::FLASH_BYTES - script_bytes);
+    switched_on(Some(&small), |robot| {
+        upload(robot, "missions/by_hand.esm");
+        robot.run_script(&kept).unwrap();
+        assert_eq!(refused(robot.keep_script(&kept)), LinkError::NoStore);
+        assert_eq!(of_kept(robot).state, ScriptState::None);
     });
 }
 

@@ -23,6 +23,7 @@ task NeverReturn slot 2 {}
 task NeverReturnInBackground slot 0 {}
 task Panic slot 2 {}
 task Undefined slot 2 {}
+task DeepStack slot 2 {}
 ";
 
 /// A robot with the firmware `faults` that runs a machine with one region, which starts in `Quiet`
@@ -186,6 +187,11 @@ fn what_ends_the_firmware_is_told_after_the_reset() {
         ),
         ("Panic", "panicked", "src/bin/faults.rs:"),
         ("Undefined", "fault", "cfsr 0x00010000"),
+        (
+            "DeepStack",
+            "fault",
+            "the stack was too deep for its memory",
+        ),
     ] {
         let robot = Robot::start("lm3s6965", Some(&firmware("faults")));
         assert_eq!(robot.status()["last_reset"], "power on", "{task}");

@@ -64,6 +64,7 @@ fn what_the_lean_firmware_was_built_without_it_refuses_and_drives_on() {
         "telemetry",
         "behaviours",
         "links",
+        "selftest",
     ];
     assert_eq!(
         status["built_without"],

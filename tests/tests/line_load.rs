@@ -13,17 +13,19 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on has failed
 
 use std::io;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use esm_link::access::{
     KEY_BYTES, NONCE_BYTES, PROOF_BYTES, SALT_BYTES, SECRET_BYTES, SIGNATURE_BYTES,
 };
+use esm_link::behaviours::{BehaviourRequest, Call, Origin};
 use esm_link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, decode, encode};
 use esm_link::message::{
     FromDevice, LinkError, Mode, Request, ResetReason, Response, Status, ToDevice,
 };
-use esm_tests::command::{firmware, root};
+use esm_tests::command::{firmware, firmware_with_behaviours, root};
 use esm_tests::random::Random;
 use esm_tests::{environment, subject};
 use host_tools::boards;
@@ -40,7 +42,9 @@ use host_tools::run::board::{Board, LinkWay, RunningBoard};
 use host_tools::serial::ByteLink;
 use host_tools::serial::clock::Clock;
 use host_tools::values::{Catalogue, Subscription, Told};
+use rt_firmware::behaviours::{GoTo, MAX_INSERTED, Move};
 use rt_firmware::body::Request as BodyRequest;
+use rt_firmware::declaration_of;
 
 /// Numbers of requests of whoever floods the robot: the owner's client counts up from its own, and
 /// comes to none of these in a test.
@@ -352,11 +356,11 @@ fn robot() -> Robot {
 }
 
 fn patrol_by(way: LinkWay, pace: Arc<Pace>) -> Robot {
-    robot_by("rover", &blob("missions/patrol.esm"), way, pace)
+    robot_by(firmware("rover"), &blob("missions/patrol.esm"), way, pace)
 }
 
-fn robot_by(name: &str, mission: &[u8], way: LinkWay, pace: Arc<Pace>) -> Robot {
-    let board = Board::emulated(firmware(name));
+fn robot_by(firmware: PathBuf, mission: &[u8], way: LinkWay, pace: Arc<Pace>) -> Robot {
+    let board = Board::emulated(firmware);
     let world = load_world(&root().join("missions/worlds/office.world")).unwrap();
     let plant = Plant::new(world, BodyParameters::default(), 1).unwrap();
     let plant = PlantSide::new(plant, pace, None);
@@ -484,6 +488,95 @@ fn whatever_fills_the_line_costs_no_slot_and_no_upload_much() {
     crowded_uploads(&robot, Some(MOST_TIMES));
 }
 
+/// What a host can ask of the list of behaviours, right or wrong, as fast as the line takes it.
+fn requests_of_the_list() -> Vec<(&'static str, Request<'static>)> {
+    const NAN: [u8; 4] = f32::NAN.to_le_bytes();
+    let call = |task, params| Call {
+        task,
+        params,
+        watches: &[],
+    };
+    let (go_to, move_on) = (
+        declaration_of::<GoTo>().signature_hash,
+        declaration_of::<Move>().signature_hash,
+    );
+    // x, y, speed, farthest, before the head: 50 m, 0 m, 0.25 m/s, no limit, no.
+    const FAR: &[u8] = &[
+        0, 0, 0x48, 0x42, 0, 0, 0, 0, 0, 0, 0x80, 0x3e, 0, 0, 0, 0, 0, 0, 0, 0,
+    ];
+    const NOWHERE: &[u8] = &[
+        NAN[0], NAN[1], NAN[2], NAN[3], 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0,
+    ];
+    let asked = Request::Behaviours;
+    vec![
+        ("list", Request::BehaviourList),
+        (
+            "insert",
+            asked(BehaviourRequest::InsertAtTail(call(go_to, FAR))),
+        ),
+        (
+            "insert at head",
+            asked(BehaviourRequest::InsertAtHead(call(go_to, FAR))),
+        ),
+        (
+            "insert nan",
+            asked(BehaviourRequest::InsertAtTail(call(move_on, NOWHERE))),
+        ),
+        (
+            "step",
+            asked(BehaviourRequest::Step {
+                script: 5,
+                index: 3,
+                call: call(go_to, FAR),
+            }),
+        ),
+        (
+            "run",
+            asked(BehaviourRequest::Run {
+                script: 5,
+                steps: 4,
+                all: 4,
+            }),
+        ),
+        (
+            "drive nan",
+            Request::Drive {
+                forward_m_per_s: f32::NAN,
+                turn_rad_per_s: 0.0,
+                until_us: u64::MAX,
+            },
+        ),
+        (
+            "drive stale",
+            Request::Drive {
+                forward_m_per_s: 0.2,
+                turn_rad_per_s: 0.0,
+                until_us: 1,
+            },
+        ),
+    ]
+}
+
+#[test]
+fn what_is_asked_of_the_list_of_behaviours_at_full_rate_costs_no_slot() {
+    let mission = blob("missions/by_hand.esm");
+    let robot = robot_by(
+        firmware_with_behaviours(),
+        &mission,
+        LinkWay::Exchange,
+        Pace::new(false),
+    );
+    let before = robot.client().status().unwrap().mission;
+    for (name, request) in requests_of_the_list() {
+        robot.flood(Flood::One(request), 0.5);
+        robot.assert_drives(name, before);
+    }
+    // What was right of it was done, as far as there was room.
+    let listed = robot.client().behaviour_list().unwrap();
+    let inserted = (listed.entries.iter()).filter(|entry| entry.origin == Origin::Link);
+    assert_eq!(inserted.count(), MAX_INSERTED, "{listed:?}");
+}
+
 /// Drives, and works in slot 0 without an end.
 const WORKING: &str = "interpreter slot 1;
 slot 1 period 20 ms duration 2 ms;
@@ -504,7 +597,12 @@ fn whatever_fills_the_line_leaves_slot_0_its_part() {
     /// Longer than the link may go on with what it has saved up.
     const SECONDS: u32 = 4;
     let mission = subject::build(WORKING).unwrap().blob;
-    let robot = robot_by("faults", &mission, LinkWay::Exchange, Pace::new(false));
+    let robot = robot_by(
+        firmware("faults"),
+        &mission,
+        LinkWay::Exchange,
+        Pace::new(false),
+    );
     let done_in = |flood: Flood| {
         let before = robot.work_done();
         robot.flood(flood, f64::from(SECONDS));

@@ -74,8 +74,10 @@ const COMMANDS: &[(&str, bool)] = &[
     ("behaviours resume 1", false),
     ("script check SCRIPT", false),
     ("script run SCRIPT", false),
+    ("script run SCRIPT --keep", false),
     ("script show", false),
     ("script end", false),
+    ("script remove", false),
     ("drive --twist 0.1,0 --for 100ms", false),
     ("position", false),
     ("position --json", false),
@@ -85,6 +87,7 @@ const COMMANDS: &[(&str, bool)] = &[
     ("tune --once", true),
     ("selftest", true),
     ("selftest --json --wheels-lifted", true),
+    ("link LINKED", true),
     ("log --firmware ELF", true),
     ("log --firmware ELF --news 1s", true),
     ("top --once", false),
@@ -116,6 +119,17 @@ const COMMANDS: &[(&str, bool)] = &[
     ("upload MISSION --on-trial confirm --trial 5s", false),
 ];
 
+/// A mission with a link, over which a liar talks as to any command.
+const LINKED: &str = "interpreter slot 1; slot 1 period 20 ms duration 2 ms;\n\
+    slot 2 period 20 ms duration 4 ms;\n\
+    link other rate 115200 bps header 6 bytes;\n\
+    frame there 1 out on other flags a, b payload 16 bytes period 20 ms;\n\
+    frame back 2 in on other flags c, d payload 16 bytes period 100 ms;\n\
+    machine Node {\n\
+    region talking { task Tell: other.transmit slot 2; initial -> Tell; }\n\
+    region hearing { task Hear: other.receive slot 2; state Gone; initial -> Hear;\n\
+    Hear -> Gone on pulse [.back_delayed and .errors]; } }";
+
 /// Where a console's streams go.
 #[derive(Clone, Default)]
 struct Kept(Arc<Mutex<Vec<u8>>>);
@@ -135,6 +149,7 @@ impl Write for Kept {
 fn give_port(command: &mut Command, port: Port) {
     let robot = match command {
         Command::Tasks(args) => return args.asked.port = Some(port),
+        Command::Link(args) => return args.port = port,
         Command::Behaviours(args) => match &mut args.action {
             None => return args.asked.port = Some(port),
             Some(ListAction::Show(args)) => &mut args.robot,
@@ -149,7 +164,8 @@ fn give_port(command: &mut Command, port: Port) {
             ScriptAction::Show(args)
             | ScriptAction::Suspend(args)
             | ScriptAction::Resume(args)
-            | ScriptAction::End(args) => &mut args.robot,
+            | ScriptAction::End(args)
+            | ScriptAction::Remove(args) => &mut args.robot,
         },
         Command::Drive(args) => &mut args.robot,
         Command::Position(args) => &mut args.robot,
@@ -201,6 +217,7 @@ impl Setting {
         SigningKey::create(&folder.path().join("other")).unwrap();
         std::fs::write(folder.path().join("elf"), b"none").unwrap();
         std::fs::write(folder.path().join("mission.blob"), &blob).unwrap();
+        std::fs::write(folder.path().join("linked.esm"), LINKED).unwrap();
         Setting {
             honest: Arc::new(Honest::learn(&blob)),
             folder,
@@ -215,6 +232,7 @@ impl Setting {
         let mut words: Vec<String> = (words.split(' '))
             .map(|word| match word {
                 "MISSION" => file("mission.blob"),
+                "LINKED" => file("linked.esm"),
                 "OTHER" => file("other"),
                 "ELF" => file("elf"),
                 "MCAP" => file("drive.mcap"),
@@ -230,7 +248,7 @@ impl Setting {
         let asked: Vec<&str> = words[1..].iter().map(String::as_str).collect();
         let has_key = !matches!(
             asked[..],
-            ["tasks"] | ["behaviours"] | ["script", "check", ..]
+            ["tasks"] | ["behaviours"] | ["script", "check", ..] | ["link", ..]
         ) && !matches!(words[1..], [ref key, ref what, ..] if key == "key" && what != "remove");
         words.extend(["--port".to_owned(), "none".to_owned()]);
         if has_key && names_key {

@@ -79,7 +79,8 @@ fn by_its_readme(board: &Board) {
         has_firmware,
         "{ran:?}"
     );
-    assert_eq!(count(" run mission.esm "), 1 + has_firmware, "{ran:?}");
+    let is_emulated = usize::from(board.firmware.is_some_and(|it| it.is_emulated()));
+    assert_eq!(count(" run mission.esm "), 1 + is_emulated, "{ran:?}");
     // What was tested is what is built.
     assert_eq!(fs::read_to_string(robot.join("Cargo.lock")).unwrap(), lock);
     println!("{}: {:.0} s", board.name, began.elapsed().as_secs_f32());
@@ -104,7 +105,9 @@ fn tasks_behaviours_and_missions_are_added_to_a_robot() {
     ] {
         let line = format!("esm new {what} {name} --json");
         let told = shell(&line, &robot.join("src")).good().json();
-        assert_eq!(told["files"].as_array().unwrap().len(), 2, "{told}");
+        // A behaviour has a mission as well.
+        let files = if what == "behaviour" { 3 } else { 2 };
+        assert_eq!(told["files"].as_array().unwrap().len(), files, "{told}");
         let changed = told["changed"].as_array().unwrap().len();
         assert_eq!(changed, usize::from(what != "mission"), "{told}");
         let before = fs::read_to_string(robot.join("src/lib.rs")).unwrap();
@@ -134,6 +137,12 @@ fn tasks_behaviours_and_missions_are_added_to_a_robot() {
     ] {
         assert!(tested.out.contains(test), "{}", tested.out);
     }
+    let check = shell("esm check come_near.esm", &robot).good();
+    assert!(!check.err.contains("warning"), "{}", check.err);
+    let run = "cargo run -- run come_near.esm --board host --until '20 s'";
+    let driven = shell(run, &robot).good();
+    let is_there = driven.out.contains("way/Go -> way/final");
+    assert!(is_there, "{}", driven.out);
     let told = shell("esm test . explore", &robot).good();
     assert!(told.out.contains("explore.scenario"), "{}", told.out);
     shell("esm new mission explore_more", root()).ended(2);
@@ -142,6 +151,10 @@ fn tasks_behaviours_and_missions_are_added_to_a_robot() {
         "task Turn slot 2 wcet 1 ms count 1 {\n}\n",
     )
     .unwrap();
+    // A behaviour goes without its mission then.
+    let told = shell("esm new behaviour stay_near --json", &robot).good();
+    let files = told.json()["files"].as_array().unwrap().len();
+    assert_eq!(files, 2, "{}", told.out);
     let lacking = shell("esm new mission another", &robot).ended(1);
     assert!(
         lacking.err.contains("SonarRing, Odometry, Cruise"),

@@ -7,7 +7,9 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use esm_link::message::{Mode, ResetReason};
-use esm_tests::command::{chip_firmware, esm, example_of_a_file, figure, root};
+use esm_tests::command::{
+    chip_firmware, esm, example_of_a_file, figure, firmware_with_sensors, root,
+};
 use esm_tests::subject;
 use host_tools::boards;
 use host_tools::link_client::LinkClient;
@@ -177,15 +179,34 @@ fn a_robot_turns_by_the_measures_of_its_file() {
 /// in microseconds.
 const LATEST_START_US: f64 = 50.0;
 
-/// The mission is sent, written into flash and started, while the log and the trace go out, over
-/// the UART and over USB.
+/// Of a mission that is kept in flash, so many bytes at least are no blank ones.
+const KEPT_BYTES: usize = 2_000;
+
+/// A mission that ships, which writes its diary ten times a second in place of once in two.
+fn talkative(mission: &str) -> String {
+    let text = std::fs::read_to_string(root().join(format!("missions/{mission}.esm"))).unwrap();
+    let rover = root().join("missions/rover.esm");
+    let mut changed = text.replace("use \"rover.esm\"", &format!("use {rover:?}"));
+    let pause = "state Pause timeout 2 s;";
+    assert_eq!(changed.matches(pause).count(), 1, "{mission}");
+    changed = changed.replace(pause, "state Pause timeout 100 ms;");
+    let file = folder().join(format!("talkative_{mission}.esm"));
+    std::fs::write(&file, changed).unwrap();
+    file.to_str().unwrap().to_owned()
+}
+
+/// The mission is sent, written into flash and started, while the robot drives and logs, and its
+/// log and its trace go out, over the UART and over USB.
 #[test]
-fn an_upload_while_it_drives_holds_no_slot_back() {
+fn an_upload_while_it_drives_and_logs_holds_no_slot_back() {
     let firmware = chip_firmware("pico");
+    let [first, second] = ["patrol", "follow_wall"].map(talkative);
     for way in ["exchange", "usb"] {
-        let mut arguments = vec!["run", "missions/patrol.esm", "--board", "pico"];
+        let flash = folder().join(format!("kept-by-{way}"));
+        let then = format!("2 s {second}");
+        let mut arguments = vec!["run", &first, "--board", "pico", "--then", &then];
         arguments.extend(["--firmware", firmware.to_str().unwrap(), "--until", "4 s"]);
-        arguments.extend(["--then", "2 s missions/follow_wall.esm", "--link", way]);
+        arguments.extend(["--link", way, "--flash", flash.to_str().unwrap()]);
         let said = esm(&arguments).good().out;
         assert_eq!(figure(&said, "slots missed"), Some(0.0), "{said}");
         let uploads = said.lines().filter(|line| line.contains("  upload "));
@@ -197,7 +218,107 @@ fn an_upload_while_it_drives_holds_no_slot_back() {
         );
         let late = figure(&said, "longest dispatch delay");
         assert!(late <= Some(LATEST_START_US) && late > Some(0.0), "{said}");
+        let logged = said.lines().filter(|line| line.contains(" log | "));
+        assert!(logged.count() >= 20, "{said}");
+        // Both missions are kept.
+        let cells = std::fs::read(&flash).unwrap();
+        let kept = cells.iter().filter(|cell| **cell != 0xFF).count();
+        assert!(kept > 2 * KEPT_BYTES, "{kept} bytes are kept");
     }
+}
+
+/// Drives on until it touches something, backs off, and turns to the left by what its gyroscope
+/// tells.
+const FEELS: &str = r#"
+interpreter slot 1;
+slot 1 period 20 ms duration 2 ms;
+slot 2 period 10 ms duration 4 ms;
+slot 3 period 40 ms duration 2 ms;
+machine Feels {
+    event Touched;
+    region sonars { task Listen: SonarRing; initial -> Listen; }
+    region position { task Track: Odometry; initial -> Track; }
+    region turning { task Sense: Gyro; initial -> Sense; }
+    region bumpers {
+        task Feel: Bumpers;
+        initial -> Feel;
+        Feel -> Feel on pulse [.touched] / send Touched;
+    }
+    region drive {
+        state Ready timeout 1600 ms;
+        task Go: Move timeout 12 s with { speed_m_per_s = 0.2 };
+        task Off: Move timeout 3 s with { speed_m_per_s = -0.15, outside_m = 0.05 };
+        task Round: TurnTo timeout 5 s with { angle_rad = 1.0 };
+        initial -> Ready;
+        Ready -> Go [timeout];
+        Go -> Off on Touched;
+        Off -> Round [exit or timeout];
+        Round -> final [exit or timeout];
+    }
+    region behaviours { task Run: Behaviours; initial -> Run; }
+    region wheels { task Drive: WheelSpeed; initial -> Drive; }
+    path Listen.ranges -> Feel.ranges;
+    path Feel.felt -> Go.ranges, Off.ranges, Round.ranges, Run.ranges;
+    path Run.made -> Run.list, Go.list, Off.list, Round.list;
+    path Sense.yaw_rate -> Track.yaw_rate;
+    path Track.pose -> Listen.pose, Go.pose, Off.pose, Round.pose, Run.pose;
+    path Run.twist -> Drive.twist;
+    path Track.speeds -> Drive.speeds, Sense.speeds;
+}
+"#;
+
+/// Two of its sonars and the gyroscope are at a bus. Before the robot lies something too low for
+/// its sonars: it feels it as soon as on the host board. Its wheels are a tenth farther from each
+/// other than its firmware takes them for, by which it would turn a tenth too little: its gyroscope
+/// knows better.
+#[test]
+fn a_robot_with_bumpers_and_a_gyroscope_feels_and_turns_by_them() {
+    chip_firmware("pico");
+    let write = |name: &str, text: &str| {
+        let file = folder().join(name);
+        std::fs::write(&file, text).unwrap();
+        file.to_str().unwrap().to_owned()
+    };
+    let built = firmware_with_sensors("pico");
+    let firmware = folder().join("feels.elf");
+    std::fs::copy(&built, &firmware).unwrap();
+    let measures = std::fs::read_to_string(built.with_extension("toml")).unwrap();
+    let wider = measures.replace("base_m = 0.2015", "base_m = 0.2217");
+    assert_ne!(wider, measures);
+    write("feels.toml", &wider);
+    let rover = root().join("missions/rover.esm");
+    let mission = write("feels.esm", &format!("use {rover:?};\n{FEELS}"));
+    let world = "world step\nstart 1,1.5 0\nwall 0,0 6,0 6,3 0,3 0,0\nlow 1.4,0 1.4,3";
+    let world = write("step.world", world);
+    let [chip, host] = ["pico", "host"].map(|board| {
+        let mut arguments = vec!["run", &mission, "--board", board, "--world", &world];
+        arguments.extend(["--until", "7300 ms"]);
+        if board == "pico" {
+            arguments.extend(["--firmware", firmware.to_str().unwrap()]);
+        }
+        let said = esm(&arguments).good().out;
+        assert_eq!(figure(&said, "slots missed"), Some(0.0), "{said}");
+        assert_eq!(figure(&said, "collisions"), Some(1.0), "{said}");
+        said
+    });
+    let touched_s = |said: &str| -> f64 {
+        let mut lines = said.lines();
+        let line = lines.find(|line| line.contains("drive/Go -> drive/Off"));
+        let time = line.and_then(|line| line.split_whitespace().next());
+        time.expect(said).parse().unwrap()
+    };
+    let apart_s = (touched_s(&chip) - touched_s(&host)).abs();
+    assert!(apart_s < 0.1, "{apart_s} s apart\n{chip}");
+    let turned_deg = |said: &str| -> f64 {
+        let line = said.lines().find(|line| line.contains(" end ")).unwrap();
+        let (_, turned) = line.rsplit_once("heading ").unwrap();
+        turned.split('°').next().unwrap().parse().unwrap()
+    };
+    let (chip_deg, host_deg) = (turned_deg(&chip), turned_deg(&host));
+    println!(
+        "turned by {chip_deg}° on the chip, by {host_deg}° on the host, felt {apart_s} s apart"
+    );
+    assert!((chip_deg - host_deg).abs() < 2.0, "{chip}");
 }
 
 const CHAPTER: &str = "docs/src/pico.md";
@@ -326,4 +447,77 @@ fn two_runs_are_equal_to_the_byte() {
         lines.map(str::to_owned).collect::<Vec<_>>()
     };
     assert_eq!(told(&first), told(&second));
+}
+
+/// Chips of these boards, in the sources of everything but them.
+#[test]
+fn nothing_outside_the_boards_names_a_chip() {
+    fn look(folder: &Path) {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                look(&path);
+            } else if path.extension().is_some_and(|it| it == "rs") {
+                let text = std::fs::read_to_string(&path).unwrap().to_lowercase();
+                // Tests take texts of boards that there are.
+                let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+                for chip in ["rp2040", "rp2350", "rp235x"] {
+                    assert!(!code.contains(chip), "{} names {chip}", path.display());
+                }
+            }
+        }
+    }
+    for folder in [
+        "esm-core/src",
+        "esm-link/src",
+        "rt-firmware/src",
+        "robot-file/src",
+        "host-tools/src",
+        "host-tools/toolkit/src",
+        "host-tools/client/src",
+        "boards/cortex_m/src",
+        "boards/settings/src",
+        "xtask/src",
+    ] {
+        look(&root().join(folder));
+    }
+}
+
+/// Lines that a board's own code may have, without its table of pins.
+const MOST_OWN_LINES: usize = 900;
+/// Files that are a table of pins, and programs that are no part of a robot's firmware.
+const NOT_COUNTED: [&str; 4] = ["wiring.rs", "free_pins.rs", "pins.rs", "bin/pins.rs"];
+
+/// Lines of Rust below a folder that are neither comments nor blank.
+fn lines_of_code(folder: &Path, counted: &dyn Fn(&Path) -> bool) -> usize {
+    let mut lines = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            lines += lines_of_code(&path, counted);
+        } else if path.extension().is_some_and(|it| it == "rs") && counted(&path) {
+            let text = std::fs::read_to_string(&path).unwrap();
+            let code = text.lines().map(str::trim_start);
+            lines += code
+                .filter(|it| !it.is_empty() && !it.starts_with("//"))
+                .count();
+        }
+    }
+    lines
+}
+
+#[test]
+fn the_boards_own_code_is_small() {
+    let boards = root().join("boards");
+    let counted = |path: &Path| NOT_COUNTED.iter().all(|name| !path.ends_with(name));
+    let shared = lines_of_code(&boards.join("rp/src"), &counted);
+    for (board, other_chip) in [("pico", "rp2350.rs"), ("pico2", "rp2040.rs")] {
+        let own = lines_of_code(&boards.join(board).join("src"), &counted);
+        let of_chip = |path: &Path| path.ends_with(other_chip);
+        let shared = shared - lines_of_code(&boards.join("rp/src"), &of_chip);
+        println!("{board}: {own} lines of its own, {shared} of the crate that both chips share");
+        assert!((1..=MOST_OWN_LINES).contains(&own), "{board}: {own} lines");
+        // Without the shared crate there would be no board.
+        assert!(shared > own, "{board}: {shared} lines");
+    }
 }

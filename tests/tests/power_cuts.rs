@@ -7,8 +7,9 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
+use esm_link::behaviours::ScriptState;
 use esm_link::message::{BankState, Mode, Source, Status, Swap};
-use esm_tests::command::{chip_firmware, firmware, root};
+use esm_tests::command::{chip_firmware, firmware, firmware_with_behaviours, root};
 use esm_tests::{environment, subject};
 use host_tools::boards;
 use host_tools::link_client::LinkClient;
@@ -18,11 +19,12 @@ use host_tools::lockstep::plant_side::PlantSide;
 use host_tools::plant::flash::{Flash, PowerCut, Tear};
 use host_tools::plant::{BodyParameters, Plant};
 use host_tools::qemu::{ChipSerial, Emulator, Idle};
+use host_tools::script::{self, Script};
 use host_tools::serial::ByteLink;
 use host_tools::serial::pacing::Paced;
 use host_tools::world::World;
-use rt_firmware::body::{Reply, Request, Sensors};
-use rt_firmware::store::flash_store::flash_bytes;
+use rt_firmware::body::{ADC_FULL_SCALE, Reply, Request, Sensors};
+use rt_firmware::store::flash_store::flash_bytes_with_script;
 
 /// Nobody waits for a line here.
 const BAUD: u32 = 4_000_000;
@@ -84,6 +86,8 @@ fn own() -> u32 {
 enum Board {
     /// The default one, whose flash is the plant's.
     Default,
+    /// The same with behaviours, which keeps a script.
+    WithBehaviours,
     /// A chip with a flash of its own.
     Pico,
 }
@@ -91,7 +95,7 @@ enum Board {
 impl Board {
     fn about(self) -> &'static boards::Board {
         let name = match self {
-            Board::Default => boards::DEFAULT,
+            Board::Default | Board::WithBehaviours => boards::DEFAULT,
             Board::Pico => "pico",
         };
         boards::find(name).unwrap()
@@ -101,18 +105,27 @@ impl Board {
     fn blank_flash(self) -> Flash {
         let board = self.about();
         let erase_bytes = board.firmware.unwrap().flash.erase_bytes;
-        Flash::blank(flash_bytes(board.capacities.blob_bytes, erase_bytes))
+        Flash::blank(flash_bytes_with_script(
+            board.capacities.blob_bytes,
+            erase_bytes,
+        ))
     }
 
     /// Switches a robot on; gives its line.
     fn switch_on(self, flash: &Flash) -> (Emulator, Box<dyn ByteLink>) {
         match self {
-            Board::Default => {
-                let still = |request: &Request| Reply {
+            Board::Default | Board::WithBehaviours => {
+                let mut sensors = Sensors::default();
+                // With an empty battery the mission that takes scripts ends.
+                sensors.adc_counts.fill(ADC_FULL_SCALE);
+                let still = move |request: &Request| Reply {
                     sequence: request.sequence,
-                    sensors: Sensors::default(),
+                    sensors,
                 };
-                let elf = firmware("rover");
+                let elf = match self {
+                    Board::WithBehaviours => firmware_with_behaviours(),
+                    _ => firmware("rover"),
+                };
                 let board = self.about();
                 let mut emulator =
                     Emulator::start(board, &elf, Idle::Passes, still, flash.clone()).unwrap();
@@ -300,11 +313,16 @@ fn flash_is_cut(
     due: &Mutex<Due>,
 ) -> bool {
     let (emulator, line) = board.switch_on(flash);
+    cut_while(flash, emulator, || {
+        let (mut robot, _) = LinkClient::connect(line).ok()?;
+        live(session, missions, &mut robot, due)
+    })
+}
+
+/// Does something to a robot until power is lost; returns whether it was.
+fn cut_while(flash: &Flash, emulator: Emulator, live: impl FnOnce() -> Option<()> + Send) -> bool {
     std::thread::scope(|scope| {
-        let host = scope.spawn(|| {
-            let (mut robot, _) = LinkClient::connect(line).ok()?;
-            live(session, missions, &mut robot, due)
-        });
+        let host = scope.spawn(live);
         // The line ends with the emulator, and with it all waiting.
         while !host.is_finished() {
             if flash.wait_for_power_cut(Duration::from_millis(2)) {
@@ -341,4 +359,141 @@ fn a_pico_that_loses_power_while_it_writes_its_flash_starts_again() {
     let one_in = environment::number("ESM_PICO_POWER_CUTS_ONE_IN", 260);
     let cuts = cut_and_tell(Board::Pico, one_in);
     assert!(cuts >= 10, "{cuts}");
+}
+
+/// What is done to the script that a robot keeps, from one power-on to the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ScriptSession {
+    /// Run the script of this number, and keep it.
+    Keep(usize),
+    Remove,
+}
+
+fn scripts() -> [Script; 2] {
+    let text = std::fs::read_to_string(root().join("missions/rover.esm")).unwrap();
+    let rover = host_tools::lang::load_text("rover.esm", &text);
+    let tasks = rover.model.unwrap().tasks;
+    [
+        "go_to x_m = 1\nturn_to angle_rad = 1.5\n",
+        "go_to x_m = 2\n",
+    ]
+    .map(|text| script::read("a.script", text, &tasks).script.unwrap())
+}
+
+/// Waits until the mission has made its list of behaviours; nothing where the line ends before.
+fn until_it_takes_scripts(robot: &mut Robot) -> Option<()> {
+    loop {
+        match robot.behaviour_list() {
+            Ok(_) => return Some(()),
+            Err(error) => error.refusal().map(|_| ())?,
+        }
+    }
+}
+
+/// Does so. `due` is what may be kept where it came to, by its name; 0 is none.
+fn keep(
+    session: ScriptSession,
+    scripts: &[Script],
+    robot: &mut Robot,
+    due: &Mutex<Vec<u32>>,
+) -> Option<()> {
+    let id = match session {
+        ScriptSession::Keep(index) => scripts[index].id(),
+        ScriptSession::Remove => 0,
+    };
+    until_it_takes_scripts(robot)?;
+    due.lock().unwrap().push(id);
+    match session {
+        ScriptSession::Keep(index) => {
+            robot.run_script(&scripts[index]).ok()?;
+            robot.keep_script(&scripts[index]).ok()?;
+        }
+        ScriptSession::Remove => robot.remove_script().ok()?,
+    }
+    *due.lock().unwrap() = vec![id];
+    Some(())
+}
+
+/// A robot that lost power: what it keeps it runs, and it keeps the next one.
+fn check_script(flash: &Flash, due: &[u32], scripts: &[Script]) -> Result<(), String> {
+    flash.power_on();
+    let (_emulator, mut robot) = Board::WithBehaviours.start(flash);
+    let status = settled(&mut robot);
+    until_it_takes_scripts(&mut robot).ok_or("it takes no scripts")?;
+    let kept = robot.kept_script().map_err(|error| error.to_string())?;
+    let told = format!("{:?} {:?} {kept:?}", status.mode, status.mission);
+    if !due.contains(&kept.script) {
+        return Err(format!("{told}: due was {due:?}"));
+    }
+    if (kept.script != 0) != (kept.state == ScriptState::Runs) {
+        return Err(format!("{told}: it is for the mission that runs"));
+    }
+    let begun = Instant::now();
+    while begun.elapsed() < Duration::from_secs(30) {
+        let runs = robot.behaviour_list().map_err(|error| error.to_string())?;
+        if runs.script.script == kept.script {
+            let next = &scripts[usize::from(kept.script == scripts[0].id())];
+            return (robot.run_script(next))
+                .and_then(|()| robot.keep_script(next))
+                .map_err(|error| format!("{told}: the next script: {error}"));
+        }
+    }
+    Err(format!("{told}: it does not run"))
+}
+
+/// One in how many operations of writing a script is cut.
+const SCRIPT_CUTS_ONE_IN: u64 = 11;
+
+#[test]
+fn a_script_whose_writing_loses_power_is_kept_whole_or_the_one_before_is() {
+    let one_in = environment::number("ESM_SCRIPT_CUTS_ONE_IN", SCRIPT_CUTS_ONE_IN);
+    let (board, scripts) = (Board::WithBehaviours, scripts());
+    let flash = board.blank_flash();
+    let (emulator, mut robot) = board.start(&flash);
+    let by_hand = mission("missions/by_hand.esm");
+    robot.upload(&by_hand.blob, &mut |_| ()).unwrap();
+    settled(&mut robot);
+    drop(emulator);
+    let mut due = vec![0];
+    let mut cases = vec![];
+    for session in [
+        ScriptSession::Keep(0),
+        ScriptSession::Keep(1),
+        ScriptSession::Remove,
+    ] {
+        let before = (flash.copy(), due.clone());
+        flash.power_on();
+        let first = flash.operations();
+        let (emulator, mut robot) = board.start(&flash);
+        let known = Mutex::new(due);
+        keep(session, &scripts, &mut robot, &known).unwrap();
+        drop(emulator);
+        due = known.into_inner().unwrap();
+        for operation in 0..flash.operations() - first {
+            cases.extend(TEARS.map(|tear| (session, before.clone(), PowerCut { operation, tear })));
+        }
+    }
+    let mut cuts = 0;
+    let begun = Instant::now();
+    let all = cases.len();
+    for (session, (flash, due), cut) in cases.into_iter().step_by(one_in as usize) {
+        let flash = flash.copy();
+        flash.cut_power(cut);
+        let due = Mutex::new(due);
+        let (emulator, line) = board.switch_on(&flash);
+        let is_cut = cut_while(&flash, emulator, || {
+            let (mut robot, _) = LinkClient::connect(line).ok()?;
+            keep(session, &scripts, &mut robot, &due)
+        });
+        cuts += usize::from(is_cut);
+        let due = due.into_inner().unwrap();
+        if let Err(problem) = check_script(&flash, &due, &scripts) {
+            panic!("{session:?}, {cut:?}: {problem}");
+        }
+    }
+    println!(
+        "{cuts} losses of power, of {all} that there may be, in {:.0} s",
+        begun.elapsed().as_secs_f32()
+    );
+    assert!(cuts >= 10.min(all / one_in as usize), "{cuts}");
 }

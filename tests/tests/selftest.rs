@@ -234,6 +234,29 @@ fn at_a_port_nothing_is_driven_unless_it_may_be_and_the_mission_before_comes_bac
     assert_eq!(robot.status()["mission"], mission.as_str());
 }
 
+#[test]
+fn a_line_is_tried_at_other_rates_and_has_its_own_again() {
+    let robot = Robot::start("stm32f405", Some(&chip_firmware("stm32f405")));
+    let report = robot.esm(&["selftest", "--json"]).json();
+    let findings = report["findings"].as_array().unwrap();
+    let row = |name: &str| {
+        let found = findings.iter().find(|it| it["name"] == name);
+        found.unwrap_or_else(|| panic!("no {name}: {report:#}"))
+    };
+    // The emulator's line has the pace of its client. Below its own rate that is no faster than
+    // what the robot can take; above it, it may be.
+    for baud in [9_600, 57_600, 230_400, 460_800, 921_600] {
+        let row = row(&format!("line.bad_frames.{baud}"));
+        assert!(row["value"].is_number(), "{row}");
+        assert!(row["pass"] != false || baud < 115_200, "{row}");
+    }
+    let section = row("critical_section");
+    assert_eq!(section["pass"], true, "{section}");
+    assert!(section["value"].as_f64().unwrap() > 0.0, "{section}");
+    // It answers at its own rate.
+    assert_eq!(robot.status()["mode"], "stopped");
+}
+
 /// What a person at a terminal is asked, and answers.
 const ANSWERS: [(&str, &str); 4] = [
     ("[y/N]", "y\n"),

@@ -2,8 +2,10 @@
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
+use std::panic::resume_unwind;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use esm_tests::command::{Robot, esm_binary, root};
@@ -46,8 +48,21 @@ fn started(world_name: &str, missions: Vec<Planned>) -> HostRun<'static, 'static
     start_rover(settings, missions).expect("a run")
 }
 
+/// A test without optimisation makes the memory of a run on the stack.
+fn with_stack_for_a_run(test: fn()) {
+    const STACK_BYTES: usize = 8 * 1024 * 1024;
+    let thread = thread::Builder::new().stack_size(STACK_BYTES).spawn(test);
+    if let Err(panic) = thread.expect("a thread").join() {
+        resume_unwind(panic);
+    }
+}
+
 #[test]
 fn a_run_without_a_thread_has_the_trace_of_the_board() {
+    with_stack_for_a_run(compare_with_the_board);
+}
+
+fn compare_with_the_board() {
     for (name, world_name) in [
         ("patrol", "office"),
         ("guard", "visitors"),
@@ -78,6 +93,10 @@ fn a_run_without_a_thread_has_the_trace_of_the_board() {
 
 #[test]
 fn what_a_run_tells_is_in_its_trace_and_each_moment_has_its_choices() {
+    with_stack_for_a_run(compare_told_with_trace);
+}
+
+fn compare_told_with_trace() {
     let file = root().join("missions/patrol.esm");
     let later = root().join("missions/follow_wall.esm");
     let missions = vec![

@@ -18,13 +18,15 @@ Usage: cargo xtask bench [--write] [--gate]
 
 Without a name, the whole report, in some minutes: what an event takes, of compiled state machines and of the interpreter, on the host and on a Cortex-M4, with flash
 and RAM; regions that have nothing to do, events that many see, deep machines, guards, checks, swaps; events a second on the host, other engines included that read a
-chart when they start. What has been promised of these figures stands first. `schedule`, `dispatch`, `day`, `idle`, `link`, `record`, `walk` and `bound` are not in it.
+chart when they start. What has been promised of these figures stands first. `schedule`, `dispatch`, `costs`, `behaviours`, `day`, `idle`, `link`, `record`, `walk` and `bound` are not in it.
 
 Names:
   machines       The same report without engines in other languages
   interpreters   Events a second on the host, of compiled state machines and of engines that read a chart when they start
   schedule       What the search for schedules decides, and how fast; --help tells its options
-  dispatch       What starting a slot takes on the emulated board, in instructions
+  dispatch       What starting a slot takes on the emulated board, and a frame of a link, in instructions
+  costs          What the runtime takes on a Cortex-M0, M3, M4F and M33: instructions, flash, RAM, stack
+  behaviours     What a behaviour adds to a task on the emulated board, and what an activation takes of the slot that wheels, odometry and behaviours share
   day            Whether a robot is on time for 24 hours of virtual time, or for as many minutes as are told
   idle           How much of the time that slots leave reaches slot 0, on the emulated board
   link           How fast a mission of 4,096 bytes is uploaded to a robot that drives in the emulator, on a good line and on bad ones
@@ -35,7 +37,9 @@ Names:
 Options:
   --write    Keep the report in docs/benchmarks.md
   --gate     End with status 1 if a promise does not hold
-  --json     Of `dispatch`: print one JSON object, for programs
+  --json     Of `dispatch` and `costs`: print one JSON object, for programs
+  --board <NAME>
+             Of `dispatch`: on this board of QEMU, instead of the default one
   -h, --help This text
 
 Emulator, valgrind and a compiler for the board are installed if they are missing. ESM_TOOLCHAIN=rustup|debian chooses the compiler. Packages of other engines come
@@ -47,15 +51,23 @@ Examples:
   cargo xtask bench --write
   cargo xtask bench dispatch
   cargo xtask bench dispatch --json
+  cargo xtask bench dispatch --board stm32f405
 ";
+
+/// A program of the default board, and a feature that the board lacks by default.
+type Firmware = (&'static str, Option<&'static str>);
 
 /// What the program that measures must be given.
 #[derive(Clone, Copy)]
 enum Needs {
     /// Nothing: it holds what it measures, and is optimised itself.
     Nothing,
-    /// This firmware of the default board.
-    Firmware(&'static str),
+    /// These firmwares of the default board.
+    Firmware(&'static [Firmware]),
+    /// The same, and all that is measured is measured in the emulator.
+    Emulated(&'static [Firmware]),
+    /// The program of the cores, for each of them.
+    Costs,
     /// The programs of the workspace in [`MACHINES_FOLDER`]. It makes their inputs and reads what
     /// they tell.
     Machines(Part),
@@ -72,7 +84,7 @@ enum Part {
 }
 
 /// What can be measured, in which package the program for it is, and what that needs.
-const BENCHES: [(&str, &str, Needs); 10] = [
+const BENCHES: [(&str, &str, Needs); 12] = [
     (REPORT, "esm-tests", Needs::Machines(Part::Machines)),
     (
         "interpreters",
@@ -80,14 +92,43 @@ const BENCHES: [(&str, &str, Needs); 10] = [
         Needs::Machines(Part::Interpreters),
     ),
     ("schedule", "host-tools", Needs::Nothing),
-    ("dispatch", "esm-tests", Needs::Firmware("bench_dispatch")),
+    (
+        DISPATCH,
+        "esm-tests",
+        Needs::Firmware(&[(DISPATCH_BIN, None), ("bench_links", Some("links"))]),
+    ),
+    ("costs", "esm-tests", Needs::Costs),
+    (
+        "behaviours",
+        "esm-tests",
+        Needs::Emulated(&[
+            ("bench_behaviours", Some("behaviours")),
+            (firmware::DEFAULT_BIN, Some("behaviours")),
+        ]),
+    ),
     ("day", "esm-tests", Needs::Nothing),
-    ("idle", "esm-tests", Needs::Firmware("bench_idle")),
-    ("link", "esm-tests", Needs::Firmware("rover")),
+    (
+        "idle",
+        "esm-tests",
+        Needs::Firmware(&[("bench_idle", None)]),
+    ),
+    (
+        "link",
+        "esm-tests",
+        Needs::Firmware(&[(firmware::DEFAULT_BIN, None)]),
+    ),
     ("record", "esm-tests", Needs::Nothing),
     ("walk", "esm-tests", Needs::Nothing),
-    ("bound", "esm-tests", Needs::Firmware(firmware::BOUND_BIN)),
+    (
+        "bound",
+        "esm-tests",
+        Needs::Firmware(&[(firmware::BOUND_BIN, None)]),
+    ),
 ];
+
+/// What measures starting a slot, and its firmware, which several boards have.
+const DISPATCH: &str = "dispatch";
+const DISPATCH_BIN: &str = "bench_dispatch";
 
 /// The program that measures the report.
 const REPORT: &str = "machines";
@@ -140,12 +181,49 @@ pub fn command(root: &Path, arguments: impl Iterator<Item = String>) -> Result<(
     let mut profile = "bench";
     let arguments: Vec<String> = arguments.collect();
     match needs {
-        Needs::Nothing => {}
-        Needs::Firmware(bin) => {
+        Needs::Firmware(_) if program == DISPATCH && board_of(&arguments)?.is_some() => {
             setup::emulator()?;
             let toolchain = setup::toolchain(Choice::from_environment()?)?;
-            let files = firmware::build(root, &toolchain, firmware::RELEASE, &[bin.to_owned()])?;
+            let board = board_of(&arguments)?.unwrap_or_default().to_owned();
+            if !firmware::is_of_qemu(root, &board) {
+                let problem = format!("bench {DISPATCH}: QEMU emulates no board {board}");
+                return Err(Failure::Usage(problem));
+            }
+            let bins = [DISPATCH_BIN.to_owned()];
+            let files = firmware::build_for(root, &board, &toolchain, &bins)?;
             given.extend(files.into_iter().map(PathBuf::into_os_string));
+            // What the host itself is measured for has nothing to do with the board.
+            profile = "dev";
+        }
+        Needs::Nothing => {}
+        Needs::Firmware(firmwares) | Needs::Emulated(firmwares) => {
+            setup::emulator()?;
+            let toolchain = setup::toolchain(Choice::from_environment()?)?;
+            for &(bin, feature) in firmwares {
+                let bins = [bin.to_owned()];
+                let files = match feature {
+                    None => firmware::build(root, &toolchain, firmware::RELEASE, &bins)?,
+                    Some(feature) => {
+                        let board = firmware::DEFAULT_BOARD;
+                        firmware::build_with(root, board, feature, &toolchain, &bins)?
+                    }
+                };
+                given.extend(files.into_iter().map(PathBuf::into_os_string));
+            }
+            if let Needs::Emulated(_) = needs {
+                profile = "dev";
+            }
+        }
+        Needs::Costs => {
+            setup::emulator()?;
+            let toolchain = setup::toolchain(Choice::from_environment()?)?;
+            for (target, file) in firmware::build_costs(root, &toolchain)? {
+                let (flash, ram) = size::of_file(&file)?;
+                given.push(target.into());
+                given.push(file.into());
+                given.extend([flash, ram].map(|bytes| bytes.to_string().into()));
+            }
+            profile = "dev";
         }
         Needs::Machines(part) => {
             program = REPORT;
@@ -196,6 +274,18 @@ pub fn command(root: &Path, arguments: impl Iterator<Item = String>) -> Result<(
         }
         result => result,
     }
+}
+
+/// The board that `--board` names.
+fn board_of(arguments: &[String]) -> Result<Option<&str>, Failure> {
+    let Some(place) = arguments.iter().position(|it| it == "--board") else {
+        return Ok(None);
+    };
+    let named = arguments.get(place + 1).map(String::as_str);
+    named
+        .filter(|name| !name.starts_with('-'))
+        .map(Some)
+        .ok_or_else(|| Failure::Usage(format!("bench {DISPATCH}: --board needs a name")))
 }
 
 impl Part {

@@ -108,6 +108,16 @@ const CAMPAIGNS: &[Campaign] = &[
         hogs: 0,
     },
     Campaign {
+        name: "links",
+        what: "links of each board in the emulator: over its UART, and in a system (6 min)",
+        package: "esm-tests",
+        target: &["--test", "system", "--test", "uart_link"],
+        tests: "board",
+        settings: &[("ESM_LINK_BOARDS", "2"), ("ESM_SYSTEM_S", "120")],
+        needs_firmware: true,
+        hogs: 0,
+    },
+    Campaign {
         name: "stops",
         what: "10,000 stops on a full line, in the emulator (40 min)",
         package: "esm-tests",

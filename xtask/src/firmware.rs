@@ -116,9 +116,7 @@ pub fn build_hardware(
             "the board {board} has one firmware: leave --hardware out"
         )));
     };
-    if target != BOARD_TARGET {
-        setup::another_target(toolchain, &target)?;
-    }
+    let toolchain = &for_target(toolchain, &target)?;
     let for_board = Board {
         name: board,
         target: &target,
@@ -130,6 +128,14 @@ pub fn build_hardware(
     )
 }
 
+/// The compiler for a board's target.
+fn for_target(toolchain: &Toolchain, target: &str) -> Result<Toolchain, Failure> {
+    match target {
+        BOARD_TARGET => Ok(toolchain.clone()),
+        other => setup::another_target(toolchain, other),
+    }
+}
+
 /// Builds `bins` of the crate in `folder` for the board of that name.
 fn build_on(
     root: &Path,
@@ -139,9 +145,7 @@ fn build_on(
     bins: &[String],
 ) -> Result<Vec<PathBuf>, Failure> {
     let target = setting(&root.join("boards").join(board), "target")?;
-    if target != BOARD_TARGET {
-        setup::another_target(toolchain, &target)?;
-    }
+    let toolchain = &for_target(toolchain, &target)?;
     let for_board = Board {
         name: board,
         target: &target,
@@ -223,25 +227,75 @@ pub fn build_lean(root: &Path, toolchain: &Toolchain) -> Result<Vec<PathBuf>, Fa
     )
 }
 
-/// Builds the board's default firmware with a feature that it lacks by default; returns where its
-/// ELF file is.
+/// Builds `bins` of the board of that name with a feature that they lack by default; returns where
+/// each ELF file is. Where the board names `features` of it, they take the place of the default
+/// ones; what it names as `fast` is compiled for speed. A robot's file of the feature's name goes
+/// beside the firmware, for the emulator.
+///
+/// # Errors
+/// [`Failure`]: there is no such board, or what did not build.
+pub fn build_with(
+    root: &Path,
+    board: &str,
+    feature: &str,
+    toolchain: &Toolchain,
+    bins: &[String],
+) -> Result<Vec<PathBuf>, Failure> {
+    let folder = root.join("boards").join(board);
+    let target = setting(&folder, "target")?;
+    let toolchain = &for_target(toolchain, &target)?;
+    let for_board = Board {
+        name: board,
+        target: &target,
+    };
+    let built = build_in(
+        root,
+        &folder,
+        for_board,
+        toolchain,
+        RELEASE,
+        bins,
+        Features::With(feature),
+    )?;
+    put_beside(&folder.join(feature).with_extension("toml"), &built)?;
+    Ok(built)
+}
+
+/// The program that measures what the runtime takes on each core, and where it is.
+const COSTS_FOLDER: &str = "boards/costs";
+/// See [`COSTS_FOLDER`].
+const COSTS_BIN: &str = "costs";
+/// The cores that it is built for: Cortex-M0, M3, M4F and M33.
+const COSTS_TARGETS: [&str; 4] = [
+    "thumbv6m-none-eabi",
+    "thumbv7m-none-eabi",
+    "thumbv7em-none-eabihf",
+    "thumbv8m.main-none-eabihf",
+];
+
+/// Builds the program that measures what the runtime takes, for each core; returns each target, and
+/// where its ELF file is.
 ///
 /// # Errors
 /// [`Failure`]: what did not build.
-pub fn build_with(
+pub fn build_costs(
     root: &Path,
-    feature: &str,
     toolchain: &Toolchain,
-) -> Result<Vec<PathBuf>, Failure> {
-    build_in(
-        root,
-        &root.join(BOARD_FOLDER),
-        DEFAULT,
-        toolchain,
-        RELEASE,
-        &[DEFAULT_BIN.to_owned()],
-        Features::With(feature),
-    )
+) -> Result<Vec<(&'static str, PathBuf)>, Failure> {
+    let build_folder = root.join(BUILD_FOLDER);
+    let build = |target: &'static str| {
+        eprintln!("Building {COSTS_BIN} for {target} …");
+        let toolchain = for_target(toolchain, target)?;
+        let mut cargo = toolchain.cargo(&root.join(COSTS_FOLDER));
+        cargo
+            .args(["build", "--quiet", "--profile", RELEASE, "--target", target])
+            .arg("--target-dir")
+            .arg(&build_folder);
+        process::run(&mut cargo)?;
+        let file = build_folder.join(target).join(RELEASE).join(COSTS_BIN);
+        Ok((target, file))
+    };
+    COSTS_TARGETS.into_iter().map(build).collect()
 }
 
 /// Builds the example's firmware; returns where its ELF file is.
@@ -287,17 +341,22 @@ pub fn build_robot(
     let program = [program];
     let bins = if bins.is_empty() { &program } else { bins };
     let built = build_on(root, &folder, &board, toolchain, bins)?;
-    let file = robot.join(ROBOT_FILE);
+    put_beside(&robot.join(ROBOT_FILE), &built)?;
+    Ok(built)
+}
+
+/// Copies a robot's file, if there is one, to where the emulator looks for it.
+fn put_beside(file: &Path, built: &[PathBuf]) -> Result<(), Failure> {
     if file.is_file() {
-        for firmware in &built {
+        for firmware in built {
             let beside = firmware.with_extension("toml");
-            std::fs::copy(&file, &beside).map_err(|cause| Failure::File {
+            std::fs::copy(file, &beside).map_err(|cause| Failure::File {
                 path: beside,
                 cause,
             })?;
         }
     }
-    Ok(built)
+    Ok(())
 }
 
 /// Runs clippy on the crate in `folder` with warnings as errors.
@@ -308,6 +367,17 @@ pub fn lint(root: &Path, folder: &Path, toolchain: &Toolchain) -> Result<(), Fai
     // A firmware for a part of silicon has code that the others have not.
     let text = std::fs::read_to_string(folder.join("board.toml")).unwrap_or_default();
     let hardware = quoted_in(&text, "hardware", "features");
+    let toolchain = &match quoted(&text, "target") {
+        Some(target) => for_target(toolchain, &target)?,
+        None => toolchain.clone(),
+    };
+    if !toolchain.has_clippy() {
+        eprintln!(
+            "No lints of {}: its compiler has no clippy",
+            folder.display()
+        );
+        return Ok(());
+    }
     for features in [None].into_iter().chain(hardware.map(Some)) {
         let mut cargo = toolchain.cargo(folder);
         cargo.args(["clippy", "--quiet", "--release"]);
@@ -316,6 +386,36 @@ pub fn lint(root: &Path, folder: &Path, toolchain: &Toolchain) -> Result<(), Fai
         }
         cargo
             .arg("--target-dir")
+            .arg(root.join(BUILD_FOLDER))
+            .args(["--", "-D", "warnings"]);
+        process::run(&mut cargo)?;
+    }
+    Ok(())
+}
+
+/// Runs clippy on what boards share with others of their family, for the chip of each, with
+/// warnings as errors. It is no part of a board's workspace, whose lints are of that alone.
+///
+/// # Errors
+/// [`Failure::Ended`] if it found something.
+pub fn lint_shared(root: &Path, toolchain: &Toolchain) -> Result<(), Failure> {
+    for board in boards(root)? {
+        let own = root.join("boards").join(&board);
+        let text = std::fs::read_to_string(own.join("board.toml")).unwrap_or_default();
+        let shared = ["folder", "features"].map(|key| quoted_in(&text, "shared", key));
+        let [Some(folder), Some(features)] = shared else {
+            continue;
+        };
+        let target = setting(&own, "target")?;
+        let toolchain = for_target(toolchain, &target)?;
+        if !toolchain.has_clippy() {
+            eprintln!("No lints of {folder} for {target}: its compiler has no clippy");
+            continue;
+        }
+        let mut cargo = toolchain.cargo(&root.join(folder));
+        cargo
+            .args(["clippy", "--quiet", "--release", "--target", &target])
+            .args(["--features", &features, "--target-dir"])
             .arg(root.join(BUILD_FOLDER))
             .args(["--", "-D", "warnings"]);
         process::run(&mut cargo)?;
@@ -336,6 +436,9 @@ pub fn has_hardware(root: &Path, board: &str) -> bool {
     text.is_ok_and(|text| quoted_in(&text, "hardware", "features").is_some())
 }
 
+/// What tells the firmware for a part of silicon from the one for its emulator.
+pub const HARDWARE_SUFFIX: &str = "-hardware";
+
 /// Which features of the board's a firmware is built with.
 #[derive(Clone, Copy)]
 enum Features<'a> {
@@ -354,7 +457,7 @@ impl Features<'_> {
             Features::Default => String::new(),
             Features::None => "-lean".to_owned(),
             Features::With(feature) => format!("-{feature}"),
-            Features::Hardware(_) => "-hardware".to_owned(),
+            Features::Hardware(_) => HARDWARE_SUFFIX.to_owned(),
         }
     }
 }
@@ -371,6 +474,20 @@ const DEFAULT: Board<'static> = Board {
     name: DEFAULT_BOARD,
     target: BOARD_TARGET,
 };
+
+/// A setting of cargo's: the places that a firmware tells when it panics do not begin with the
+/// folders of this machine. So a firmware is the same, byte for byte, wherever it was built.
+fn short_paths(root: &Path, target: &str) -> String {
+    let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
+    let home = home.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cargo")));
+    let crates = home.map(|home| home.join("registry").join("src"));
+    let flags = [Some(root.to_path_buf()), crates]
+        .into_iter()
+        .flatten()
+        .map(|folder| format!("{:?}", format!("--remap-path-prefix={}=", folder.display())));
+    let flags = flags.collect::<Vec<_>>().join(", ");
+    format!("target.{target}.rustflags=[{flags}]")
+}
 
 fn build_in(
     root: &Path,
@@ -391,6 +508,7 @@ fn build_in(
     let build_folder = root.join(BUILD_FOLDER);
     let mut cargo = toolchain.cargo(folder);
     cargo
+        .args(["--config", &short_paths(root, board.target)])
         .args(["build", "--profile", profile, "--target-dir"])
         .arg(&build_folder);
     match features {
@@ -399,7 +517,16 @@ fn build_in(
             cargo.arg("--no-default-features");
         }
         Features::With(feature) => {
-            cargo.args(["--features", feature]);
+            let text = std::fs::read_to_string(folder.join("board.toml")).unwrap_or_default();
+            match quoted_in(&text, feature, "features") {
+                Some(instead) => cargo.args(["--no-default-features", "--features", &instead]),
+                None => cargo.args(["--features", feature]),
+            };
+            let fast = quoted_in(&text, feature, "fast").unwrap_or_default();
+            for package in fast.split_whitespace() {
+                let setting = format!("profile.{profile}.package.{package}.opt-level=3");
+                cargo.args(["--config", &setting]);
+            }
         }
         Features::Hardware(features) => {
             cargo.args(["--no-default-features", "--features", features]);

@@ -62,7 +62,7 @@ Options:
   --example                          firmware: build examples/my_robot instead
   --robot <FOLDER>                   firmware: build the robot in FOLDER, as `esm new robot` makes one, for its board
   --lean                             firmware: build the default firmware without its features, to rover-lean.elf
-  --with <FEATURE>                   firmware: build the default firmware with a feature of its board that it lacks, to rover-FEATURE.elf
+  --with <FEATURE>                   firmware: build a board's firmware with a feature of the board that it lacks by default, to rover-FEATURE.elf
   --quick                            test: leave out what takes minutes (emulator, my_robot)
   --out <DIR>                        release: where its files go, a folder that is not there, or is empty
   --notes <PART>                     release: the part of CHANGELOG.md that its notes are, such as 0.1.0 [default: Unreleased, else that of the version]
@@ -198,9 +198,9 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
                         .to_owned(),
                 ));
             }
-            if options.board.is_some() && (names_robot || is_variant) {
+            if options.board.is_some() && (names_robot || options.lean) {
                 return Err(Failure::Usage(
-                    "--example, --lean and --with are of the default board, and a --robot names its own: \
+                    "--example and --lean are of the default board, and a --robot names its own: \
                      leave --board out"
                         .to_owned(),
                 ));
@@ -217,7 +217,10 @@ fn run(command: &str, options: &Options) -> Result<(), Failure> {
                 return firmware::build_lean(&root, &toolchain).map(print_files);
             }
             if let Some(feature) = &options.with {
-                return firmware::build_with(&root, feature, &toolchain).map(print_files);
+                let board = options.board.as_deref().unwrap_or(firmware::DEFAULT_BOARD);
+                let bins = [firmware::DEFAULT_BIN.to_owned()];
+                return firmware::build_with(&root, board, feature, &toolchain, &bins)
+                    .map(print_files);
             }
             let default = [firmware::DEFAULT_BIN.to_owned()];
             let bins = if options.bins.is_empty() {

@@ -110,11 +110,17 @@ pub fn emulator(root: &Path, board: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Tests the drivers of a board at the pins of its emulated chip.
+/// Tests the drivers of a board at the pins of its emulated chip; `with_sensors` is the same
+/// firmware with drivers of more parts.
 ///
 /// # Errors
 /// As [`emulator`]; or a test that failed.
-pub fn test_pins(root: &Path, board: &str, firmware: &Path) -> Result<(), Failure> {
+pub fn test_pins(
+    root: &Path,
+    board: &str,
+    firmware: &Path,
+    with_sensors: &Path,
+) -> Result<(), Failure> {
     emulator(root, board)?;
     within(
         TEST_LIMIT,
@@ -123,7 +129,8 @@ pub fn test_pins(root: &Path, board: &str, firmware: &Path) -> Result<(), Failur
             .arg(root.join(format!("boards/{board}/emulator/tests")))
             // What Python wrote beside its sources would have the command built anew.
             .env("PYTHONDONTWRITEBYTECODE", "1")
-            .env("ESM_PINS_FIRMWARE", firmware),
+            .env("ESM_PINS_FIRMWARE", firmware)
+            .env("ESM_SENSORS_FIRMWARE", with_sensors),
     )
 }
 

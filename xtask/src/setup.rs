@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use crate::process::{self, Failure, command, find_program, host_cargo, output};
@@ -20,6 +21,9 @@ const MEASURED_TARGET: &str = "thumbv7em-none-eabi";
 /// Cores that everything that is no board must also compile for: a smaller one, and one of another
 /// family, without compare-and-swap.
 pub const OTHER_TARGETS: [&str; 2] = ["thumbv6m-none-eabi", "riscv32imc-unknown-none-elf"];
+
+/// A core of ARMv8-M, with a floating-point unit.
+const DOTTED_TARGET: &str = "thumbv8m.main-none-eabihf";
 
 /// What pages in a browser run. It has no files, threads or clocks.
 pub const PAGE_TARGET: &str = "wasm32-unknown-unknown";
@@ -91,7 +95,10 @@ impl Choice {
 #[derive(Clone, Debug)]
 pub enum Toolchain {
     /// The cargo that runs this program; the targets come from rustup.
-    Rustup,
+    Rustup {
+        /// Whether Debian's is taken for a target that rustup cannot give.
+        or_debian: bool,
+    },
     /// Debian's, which builds the core library from source.
     Debian {
         /// The linker: rustc's own `lld`.
@@ -103,7 +110,8 @@ impl Toolchain {
     /// The name of the choice that is this compiler.
     pub fn name(&self) -> &'static str {
         match self {
-            Toolchain::Rustup => Choice::Rustup.name(),
+            Toolchain::Rustup { or_debian: true } => Choice::Auto.name(),
+            Toolchain::Rustup { or_debian: false } => Choice::Rustup.name(),
             Toolchain::Debian { .. } => Choice::Debian.name(),
         }
     }
@@ -112,7 +120,7 @@ impl Toolchain {
     pub fn cargo(&self, folder: &Path) -> Command {
         let mut cargo;
         match self {
-            Toolchain::Rustup => {
+            Toolchain::Rustup { .. } => {
                 cargo = command(host_cargo());
                 cargo.arg("--color=auto");
             }
@@ -127,6 +135,14 @@ impl Toolchain {
                 }
                 // RUSTC_BOOTSTRAP lets a stable compiler take `-Zbuild-std`. What rustup's cargo
                 // set for its children would mislead this one.
+                // Where the name of a target has a dot, there is no variable for its linker.
+                cargo.args([
+                    "--config",
+                    &format!(
+                        "target.{DOTTED_TARGET}.linker={:?}",
+                        linker.display().to_string()
+                    ),
+                ]);
                 cargo
                     .env("RUSTC_BOOTSTRAP", "1")
                     .env("RUSTC", DEBIAN_RUSTC)
@@ -149,15 +165,15 @@ impl Toolchain {
         match self {
             // Built from source.
             Toolchain::Debian { .. } => MEASURED_TARGET,
-            Toolchain::Rustup if rustup_target(MEASURED_TARGET) => MEASURED_TARGET,
-            Toolchain::Rustup => BOARD_TARGET,
+            Toolchain::Rustup { .. } if rustup_target(MEASURED_TARGET) => MEASURED_TARGET,
+            Toolchain::Rustup { .. } => BOARD_TARGET,
         }
     }
 
     /// What the compiler says of its version.
     pub fn rustc_version(&self) -> String {
         let rustc = match self {
-            Toolchain::Rustup => "rustc",
+            Toolchain::Rustup { .. } => "rustc",
             Toolchain::Debian { .. } => DEBIAN_RUSTC,
         };
         let version = output(Command::new(rustc).arg("--version")).unwrap_or_default();
@@ -168,7 +184,7 @@ impl Toolchain {
     /// them.
     pub fn core_from_source(&self) -> &'static [&'static str] {
         match self {
-            Toolchain::Rustup => &[],
+            Toolchain::Rustup { .. } => &[],
             Toolchain::Debian { .. } => &["-Zbuild-std=core"],
         }
     }
@@ -176,7 +192,7 @@ impl Toolchain {
     /// The same where the standard library is wanted.
     pub fn std_from_source(&self) -> &'static [&'static str] {
         match self {
-            Toolchain::Rustup => &[],
+            Toolchain::Rustup { .. } => &[],
             Toolchain::Debian { .. } => &["-Zbuild-std=std,panic_abort"],
         }
     }
@@ -185,7 +201,7 @@ impl Toolchain {
     /// one compiler.
     pub fn has_clippy(&self) -> bool {
         match self {
-            Toolchain::Rustup => true,
+            Toolchain::Rustup { .. } => true,
             Toolchain::Debian { .. } => Path::new("/usr/bin/clippy-driver").is_file(),
         }
     }
@@ -223,17 +239,19 @@ pub fn valgrind() -> Result<(), Failure> {
 pub fn toolchain(choice: Choice) -> Result<Toolchain, Failure> {
     let toolchain = match choice {
         Choice::Rustup => rustup_target(BOARD_TARGET)
-            .then_some(Toolchain::Rustup)
+            .then_some(Toolchain::Rustup { or_debian: false })
             .ok_or_else(|| Failure::Missing {
                 what: format!("rustup's target {BOARD_TARGET}"),
                 command: format!("rustup target add {BOARD_TARGET}"),
             })?,
         Choice::Debian => debian()?,
-        Choice::Auto if rustup_target(BOARD_TARGET) => Toolchain::Rustup,
+        Choice::Auto if rustup_target(BOARD_TARGET) => Toolchain::Rustup { or_debian: true },
         Choice::Auto => debian()?,
     };
     match &toolchain {
-        Toolchain::Rustup => eprintln!("Compiler for firmware: rustup's, target {BOARD_TARGET}"),
+        Toolchain::Rustup { .. } => {
+            eprintln!("Compiler for firmware: rustup's, target {BOARD_TARGET}");
+        }
         Toolchain::Debian { linker } => eprintln!(
             "Compiler for firmware: Debian's {DEBIAN_RUSTC}, core library from source, linker {}",
             linker.display()
@@ -242,17 +260,21 @@ pub fn toolchain(choice: Choice) -> Result<Toolchain, Failure> {
     Ok(toolchain)
 }
 
-/// Has `toolchain` build for another target than the default board's, too.
+/// The compiler for another target than the default board's: `toolchain`, or Debian's, where rustup
+/// cannot give the target and the choice was free.
 ///
 /// # Errors
 /// [`Failure::Missing`] with the command that installs it.
-pub fn another_target(toolchain: &Toolchain, target: &str) -> Result<(), Failure> {
+pub fn another_target(toolchain: &Toolchain, target: &str) -> Result<Toolchain, Failure> {
     match toolchain {
-        Toolchain::Rustup if !rustup_target(target) => Err(Failure::Missing {
-            what: format!("rustup's target {target}"),
-            command: format!("rustup target add {target}"),
-        }),
-        Toolchain::Rustup | Toolchain::Debian { .. } => Ok(()),
+        Toolchain::Rustup { or_debian } if !rustup_target(target) => match or_debian {
+            true => debian(),
+            false => Err(Failure::Missing {
+                what: format!("rustup's target {target}"),
+                command: format!("rustup target add {target}"),
+            }),
+        },
+        Toolchain::Rustup { .. } | Toolchain::Debian { .. } => Ok(toolchain.clone()),
     }
 }
 
@@ -263,7 +285,9 @@ pub fn another_target(toolchain: &Toolchain, target: &str) -> Result<(), Failure
 /// [`Failure::Missing`] with the command that installs it.
 pub fn page_toolchain(choice: Choice) -> Result<Toolchain, Failure> {
     match choice {
-        Choice::Auto | Choice::Rustup if rustup_target(PAGE_TARGET) => Ok(Toolchain::Rustup),
+        Choice::Auto | Choice::Rustup if rustup_target(PAGE_TARGET) => {
+            Ok(Toolchain::Rustup { or_debian: true })
+        }
         Choice::Rustup => Err(Failure::Missing {
             what: format!("rustup's target {PAGE_TARGET}"),
             command: format!("rustup target add {PAGE_TARGET}"),
@@ -281,6 +305,12 @@ fn rustup_target(target: &str) -> bool {
     if installed.is_some_and(|list| list.lines().any(|line| line.trim() == target)) {
         return true;
     }
+    /// Targets that could not be had: they are asked for once in a run.
+    static REFUSED: Mutex<Vec<String>> = Mutex::new(Vec::new());
+    let mut refused = REFUSED.lock().unwrap_or_else(PoisonError::into_inner);
+    if refused.iter().any(|it| it == target) {
+        return false;
+    }
     eprintln!("Fetching the target {target} with `rustup target add {target}` …");
     if process::run_within(
         command("rustup").args(["target", "add", target]),
@@ -289,6 +319,7 @@ fn rustup_target(target: &str) -> bool {
         return true;
     }
     eprintln!("rustup gave no target within {} s.", RUSTUP_LIMIT.as_secs());
+    refused.push(target.to_owned());
     false
 }
 

@@ -32,6 +32,8 @@ struct Limits {
 pub const LIMITS: &str = "limits";
 /// The section with those of the firmware without features.
 pub const LEAN_LIMITS: &str = "limits.lean";
+/// The section with those of the firmware for a part of silicon, where they differ.
+const HARDWARE_LIMITS: &str = "limits.hardware";
 /// The key, of the first section, of what interpreter, verifier and dispatcher may take of flash.
 const INTERPRETER_LIMIT: &str = "interpreter_flash_bytes";
 
@@ -49,6 +51,13 @@ impl Limits {
             stack: number(root, board, section, "stack_bytes")?,
         })
     }
+}
+
+/// Whether a `board.toml` has a section.
+fn has_section(root: &Path, board: &Path, section: &str) -> Result<bool, Failure> {
+    let path = root.join(board).join("board.toml");
+    let text = std::fs::read_to_string(&path).map_err(|cause| Failure::File { path, cause })?;
+    Ok(text.contains(&format!("\n[{section}]\n")))
 }
 
 /// A number of a section of a `board.toml`.
@@ -315,6 +324,11 @@ pub fn of_board(
     }
     let folder = Path::new("boards").join(board);
     let limits = Limits::of(root, &folder, LIMITS)?;
+    // A part may have more memory than its emulator.
+    let of_hardware = match has_section(root, &folder, HARDWARE_LIMITS)? {
+        true => Some(Limits::of(root, &folder, HARDWARE_LIMITS)?),
+        false => None,
+    };
     let mut now = format!(
         "# Flash and RAM of the firmware in bytes; kept by `cargo xtask size --board {board} --write`.\n"
     );
@@ -327,7 +341,12 @@ pub fn of_board(
         let Size { flash, ram } = whole(&image);
         // Writing to a string cannot fail.
         let _ = writeln!(now, "{name} {flash} {ram}");
-        problems.extend(excesses(&name.to_string(), &image, &limits));
+        let name = name.to_string();
+        let limits = match &of_hardware {
+            Some(of_hardware) if name.ends_with(firmware::HARDWARE_SUFFIX) => of_hardware,
+            _ => &limits,
+        };
+        problems.extend(excesses(&name, &image, limits));
     }
     let path = root.join(folder).join(EXPECTED_FILE);
     let of_file = |cause| Failure::File {
@@ -464,6 +483,15 @@ fn whole(image: &Image) -> Size {
         flash: image.flash_bytes(),
         ram: image.ram_bytes(),
     }
+}
+
+/// Bytes of flash and of RAM that a program takes.
+///
+/// # Errors
+/// [`Failure`]: the file cannot be read, or is no program.
+pub fn of_file(file: &Path) -> Result<(u32, u32), Failure> {
+    let images = images(&[file.to_owned()])?;
+    Ok((images.iter()).fold((0, 0), |_, image| (image.flash_bytes(), image.ram_bytes())))
 }
 
 /// How a firmware's bytes divide up.

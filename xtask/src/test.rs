@@ -215,8 +215,8 @@ fn robots(root: &Path, tally: &mut Tally) {
     }
     match python::find() {
         Some(_) => tally.step("the pico's drivers, at its pins", || {
-            let firmware = format!("target/firmware/{CHIP}/{PINS_BIN}.elf");
-            python::test_pins(root, CHIP, &root.join(firmware))
+            let built = |name| root.join(format!("target/firmware/{CHIP}/{PINS_BIN}{name}.elf"));
+            python::test_pins(root, CHIP, &built(""), &built(&format!("-{SENSORS}")))
         }),
         None => tally.skip(
             "the pico's drivers, at its pins",
@@ -249,6 +249,50 @@ fn robots(root: &Path, tally: &mut Tally) {
     whole(root, "tests of the whole", tests, tally);
 }
 
+/// Where a board holds its drivers against registers that tests look at, in its folder: a workspace
+/// of its own, which builds for the host.
+const REGISTERS_FOLDER: &str = "registers";
+
+/// Where they are built.
+const REGISTERS_TARGET: &str = "target/registers";
+
+/// Tests of what boards do to registers that no emulator has.
+fn registers(root: &Path, tally: &mut Tally) {
+    for board in boards(root, tally) {
+        let folder = root.join("boards").join(&board).join(REGISTERS_FOLDER);
+        let manifest = folder.join("Cargo.toml");
+        if !manifest.is_file() {
+            continue;
+        }
+        if has_component("clippy") {
+            tally.step(
+                &format!("lints of the drivers of {board}, for the host"),
+                || {
+                    process::run(
+                        cargo(root)
+                            .args(["clippy", "--quiet", "--all-targets", "--manifest-path"])
+                            .arg(&manifest)
+                            .arg("--target-dir")
+                            .arg(root.join(REGISTERS_TARGET))
+                            .args(["--", "-D", "warnings"]),
+                    )
+                },
+            );
+        }
+        tally.tests(
+            &format!("drivers of {board}, on registers that are looked at"),
+            root,
+            &[
+                "--manifest-path",
+                &manifest.to_string_lossy(),
+                "--target-dir",
+                &root.join(REGISTERS_TARGET).to_string_lossy(),
+            ],
+            None,
+        );
+    }
+}
+
 /// Tests of each library for itself, of the machines that the interpreter is compared with, and of
 /// a robot outside the workspace.
 fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
@@ -276,6 +320,7 @@ fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
         ],
         None,
     );
+    registers(root, tally);
     if let Some(toolchain) = compiler(choice, tally) {
         example_checks(root, &toolchain, tally);
     }
@@ -289,11 +334,12 @@ fn libraries(root: &Path, choice: Choice, tally: &mut Tally) {
 
 /// The board whose chip has an emulator of its own.
 const CHIP: &str = "pico";
-/// See [`CHIP`].
-const CHIP_FOLDER: &str = "boards/pico";
 
 /// Its firmware for tests at its pins.
 const PINS_BIN: &str = "pins";
+
+/// The feature that brings more sensors.
+const SENSORS: &str = "sensors";
 
 /// The example of a robot with a file of its own, on that board.
 const FILE_EXAMPLE_FOLDER: &str = "examples/my_pico";
@@ -308,8 +354,10 @@ const FIRMWARE_FEATURES: &str = "rt-firmware/all-tasks,rt-firmware/black-box,rt-
      rt-firmware/keys,rt-firmware/news,rt-firmware/params,rt-firmware/record,rt-firmware/telemetry,rt-firmware/warm";
 
 /// The workspaces that have a lock file, but for the boards'.
-const LOCKED: [&str; 8] = [
+const LOCKED: [&str; 10] = [
     "",
+    "boards/costs",
+    "boards/rp",
     studio::ENGINE_FOLDER,
     FILE_EXAMPLE_FOLDER,
     FILE_EXAMPLE_FIRMWARE_FOLDER,
@@ -332,9 +380,12 @@ fn boards(root: &Path, tally: &mut Tally) -> Vec<String> {
 /// What needs no firmware: form, lints, documentation, and whether the tests notice mutants.
 fn checks(root: &Path, tally: &mut Tally) {
     tally.step("lines that are too wide", || form::command(root, false));
-    let folders = boards(root, tally)
-        .into_iter()
-        .map(|it| format!("boards/{it}"));
+    let folders = boards(root, tally).into_iter().flat_map(|board| {
+        let own = format!("boards/{board}");
+        let registers = format!("{own}/{REGISTERS_FOLDER}");
+        let is_there = root.join(&registers).join("Cargo.toml").is_file();
+        [own].into_iter().chain(is_there.then_some(registers))
+    });
     let locked: Vec<String> = (LOCKED.into_iter().map(str::to_owned))
         .chain(folders)
         .collect();
@@ -445,22 +496,22 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
             "the compiler for firmware has no clippy",
         );
     }
-    tally.step("firmware of the pico", || {
-        let bins = [DEFAULT_BIN, PINS_BIN].map(str::to_owned);
-        firmware::build_for(root, CHIP, toolchain, &bins).map(drop)
+    tally.step("firmware for tests at the pico's pins", || {
+        let pins = [PINS_BIN.to_owned()];
+        firmware::build_for(root, CHIP, toolchain, &pins)?;
+        firmware::build_with(root, CHIP, SENSORS, toolchain, &pins).map(drop)
     });
     if toolchain.has_clippy() && has_component("clippy") {
-        tally.step("lints of the pico's firmware", || {
-            let folders = [CHIP_FOLDER, FILE_EXAMPLE_FIRMWARE_FOLDER];
-            (folders.iter()).try_for_each(|it| firmware::lint(root, &root.join(it), toolchain))
+        tally.step("lints of my_pico's firmware", || {
+            firmware::lint(root, &root.join(FILE_EXAMPLE_FIRMWARE_FOLDER), toolchain)
         });
     }
     for board in boards(root, tally) {
-        if board == firmware::DEFAULT_BOARD || !firmware::is_of_qemu(root, &board) {
+        if board == firmware::DEFAULT_BOARD {
             continue;
         }
         tally.step(&format!("firmware of the {board}, and its sizes"), || {
-            // Built for the emulator and for a part of silicon.
+            // Built for the emulator and for a part of silicon, where these are two.
             size::of_board(root, &board, toolchain, false)
         });
         if toolchain.has_clippy() && has_component("clippy") {
@@ -469,13 +520,18 @@ fn firmware_checks(root: &Path, toolchain: &Toolchain, tally: &mut Tally) {
             });
         }
     }
+    if has_component("clippy") {
+        tally.step("lints of what boards of one family share", || {
+            firmware::lint_shared(root, toolchain)
+        });
+    }
     tally.step("my_pico: firmware", || {
         let folder = root.join(FILE_EXAMPLE_FOLDER);
         firmware::build_robot(root, &folder, toolchain, &[]).map(drop)
     });
     for target in OTHER_TARGETS {
         tally.step(&format!("libraries of the firmware for {target}"), || {
-            setup::another_target(toolchain, target)?;
+            let toolchain = setup::another_target(toolchain, target)?;
             let packages = ["esm-core", "esm-link", "rt-firmware"];
             process::run(
                 toolchain

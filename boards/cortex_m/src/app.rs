@@ -19,8 +19,10 @@
 ///
 /// `plant_line` and `watchdog` may be left out, and so may `frames: Line(TIMER_2A, UART1)`, a type
 /// of the board's module `frames` with the interrupts that start a link's frames and move their
-/// bytes. `link` is an interrupt that no part uses: it is
-/// pended by software. The board's crate has these names:
+/// bytes, and `usb: Usb(USBCTRL_IRQ, SW1_IRQ)`, a type of the module `usb`, the second wire of the
+/// line, with its interrupt and the one that software pends in its place. `link` is an interrupt
+/// that no part uses: it is pended by software. `slots: TIMER_IRQ_0 = 4` gives the slots another
+/// priority than 7, on cores that have no more. The board's crate has these names:
 ///
 /// | name | what it is |
 /// |---|---|
@@ -38,7 +40,9 @@
 ///
 /// `robot` is the registry's type, with the function that builds it from the pins (a
 /// `fn(Parts) -> Robot`); `firmware` is the name and version that the robot tells of itself, in at
-/// most 40 bytes.
+/// most 40 bytes. A robot that is too large to stand on the stack first is made in its place:
+/// `robot_in_place` is the type of the places that [`registry!`](rt_firmware::registry!) makes,
+/// with the function that fills them from the pins and returns the banks.
 ///
 /// `emergency_stop` is the button of one, if the robot has it: the type of an input that is low
 /// while it is pressed (embedded-hal's `InputPin`), with what gives it. It stops the robot whatever
@@ -50,36 +54,47 @@
 ///
 /// A firmware of another kind, such as a benchmark, names besides what its slots run on (a
 /// [`Board`](rt_firmware::Board), with the function that builds it from the board's), the memory of
-/// its runtime, and how many slots that has.
+/// its runtime, and how many slots that has; and where `start` and the robot's pins are not those
+/// names, `start: $start => $parts`, a call and the type of the pins.
 #[macro_export]
 macro_rules! app {
-    (board($b:tt); interrupts $interrupts:tt;
-     firmware: $firmware:expr, robot: $robot:ty = $make:expr
-     $(, default_mission: $default_mission:expr)? $(,)?) => {
+    // On the board's own slots, without a button.
+    (
+        board($b:tt);
+        interrupts $interrupts:tt;
+        $(start: $start:expr => $parts:ty,)?
+        firmware: $firmware:expr,
+        $how:ident: $robot:ty = $make:expr
+        $(, default_mission: $default_mission:expr)? $(,)?
+    ) => {
         $crate::app! {
             board($b);
             interrupts $interrupts;
+            $(start: $start => $parts,)?
             firmware: $firmware,
-            robot: $robot = $make,
+            $how: $robot = $make,
             board: $b::slots::SlotBoard = |board| board,
             memory: $b::Memory<'static>,
             slots: $b::settings::SLOTS,
             $(default_mission: $default_mission,)?
         }
     };
+    // On the same, with one.
     (
         board($b:tt);
         interrupts $interrupts:tt;
+        $(start: $start:expr => $parts:ty,)?
         firmware: $firmware:expr,
-        robot: $robot:ty = $make:expr,
+        $how:ident: $robot:ty = $make:expr,
         emergency_stop: $pin:ty = $make_pin:expr
         $(, default_mission: $default_mission:expr)? $(,)?
     ) => {
         $crate::app! {
             board($b);
             interrupts $interrupts;
+            $(start: $start => $parts,)?
             firmware: $firmware,
-            robot: $robot = $make,
+            $how: $robot = $make,
             board: $b::rt_firmware::WithStopButton<$b::slots::SlotBoard, $pin> = |board| {
                 $b::rt_firmware::WithStopButton::new(board, $make_pin)
             },
@@ -88,18 +103,97 @@ macro_rules! app {
             $(default_mission: $default_mission,)?
         }
     };
+    // With the start that most boards have, and the slots' priority.
+    (board($b:tt); interrupts $interrupts:tt; firmware: $($rest:tt)*) => {
+        $crate::app! {
+            board($b);
+            interrupts $interrupts;
+            start: $b::start() => $b::Parts,
+            firmware: $($rest)*
+        }
+    };
     (
         board($b:tt);
+        interrupts(slots: $slot_timer:ident, $($interrupts:tt)*);
+        start: $($rest:tt)*
+    ) => {
+        $crate::app! {
+            board($b);
+            interrupts(slots: $slot_timer = 7, $($interrupts)*);
+            start: $($rest)*
+        }
+    };
+    // A robot that is made as a value, and one that is made in its place.
+    (
+        board($b:tt);
+        interrupts $interrupts:tt;
+        start: $start:expr => $parts:ty,
+        firmware: $firmware:expr,
+        robot: $robot:ty = $make:expr,
+        $($rest:tt)*
+    ) => {
+        $crate::app! {
+            @all
+            board($b);
+            interrupts $interrupts;
+            start: $start,
+            firmware: $firmware,
+            place: ::core::mem::MaybeUninit<$robot> = ::core::mem::MaybeUninit::uninit(),
+            pools: <$robot>::POOLS,
+            fill: (place, parts) {
+                // Inside, so that it is made in one call: two would have it on the stack twice.
+                let robot = $b::cortex_m_board::put(place, || {
+                    let make: fn($parts) -> $robot = $make;
+                    make(parts)
+                });
+                robot.banks()
+            },
+            $($rest)*
+        }
+    };
+    (
+        board($b:tt);
+        interrupts $interrupts:tt;
+        start: $start:expr => $parts:ty,
+        firmware: $firmware:expr,
+        robot_in_place: $places:ty = $fill:expr,
+        $($rest:tt)*
+    ) => {
+        $crate::app! {
+            @all
+            board($b);
+            interrupts $interrupts;
+            start: $start,
+            firmware: $firmware,
+            place: $places = <$places>::EMPTY,
+            pools: <$places>::POOLS,
+            fill: (place, parts) {
+                let fill: fn(
+                    &'static mut $places,
+                    $parts,
+                ) -> [&'static mut dyn $b::rt_firmware::AnyTaskPool; <$places>::POOLS] = $fill;
+                fill(place, parts)
+            },
+            $($rest)*
+        }
+    };
+    (
+        @all
+        board($b:tt);
         interrupts(
-            slots: $slot_timer:ident,
+            slots: $slot_timer:ident = $slot_priority:tt,
             wire: $wire:ident,
+            $(usb: $usb_line:ident($usb:ident, $usb_called:ident),)?
             $(plant_line: $plant_line:ident,)?
             $(watchdog: $watchdog:ident,)?
             $(frames: $frame_line:ident($frame_start:ident, $frame_wire:ident),)?
             link: $link:ident $(,)?
         );
+        start: $start:expr,
         firmware: $firmware:expr,
-        robot: $robot:ty = $make:expr,
+        place: $place:ty = $empty:expr,
+        pools: $pools:expr,
+        fill: ($robot_place:ident, $pins:ident) $fill:expr,
         board: $board:ty = $make_board:expr,
         memory: $memory:ty,
         slots: $slots:expr
@@ -125,12 +219,18 @@ macro_rules! app {
             use $b::{cortex_m, rtic, slot_timer, watchdog};
 
             type MissionMemory = $memory;
+            type RobotPlace = $place;
 
             #[shared]
             struct Shared {
                 // Both handlers have one priority.
                 #[lock_free]
                 line: line::Line,
+                $(
+                    // As the line.
+                    #[lock_free]
+                    usb_line: $b::usb::$usb_line,
+                )?
                 $(
                     // Both handlers have one priority.
                     #[lock_free]
@@ -149,8 +249,8 @@ macro_rules! app {
             }
 
             #[init(local = [
-                robot: MaybeUninit<$robot> = MaybeUninit::uninit(),
-                banks: MaybeUninit<[&'static mut (dyn AnyTaskPool + 'static); <$robot>::POOLS]> = MaybeUninit::uninit(),
+                robot: RobotPlace = $empty,
+                banks: MaybeUninit<[&'static mut (dyn AnyTaskPool + 'static); $pools]> = MaybeUninit::uninit(),
                 memory: MissionMemory = MissionMemory::new(),
                 mailbox: Mailbox<'static> = Mailbox::new(),
                 real_time_place: MaybeUninit<RealTime<'static, 'static>> = MaybeUninit::uninit(),
@@ -161,14 +261,11 @@ macro_rules! app {
             ])]
             fn init(cx: init::Context) -> (Shared, Local) {
                 #[allow(unused_mut)]
-                let mut start = $b::start();
+                let mut start = $start;
                 let make_board: fn($b::slots::SlotBoard) -> $board = $make_board;
-                let parts = start.parts;
-                let robot = $b::cortex_m_board::put(cx.local.robot, || {
-                    let make: fn($b::Parts) -> $robot = $make;
-                    make(parts)
-                });
-                let banks = cx.local.banks.write(robot.banks());
+                let $pins = start.parts;
+                let $robot_place = cx.local.robot;
+                let banks = cx.local.banks.write($fill);
                 let about = About {
                     reset: start.reset,
                     kept: Some(crash::kept()),
@@ -193,6 +290,10 @@ macro_rules! app {
                 (
                     Shared {
                         line,
+                        $(usb_line: {
+                            let usb: $b::usb::$usb_line = $b::usb::start(&mut start.board);
+                            usb
+                        },)?
                         $(frame_line: $b::frames::$frame_line::start(&mut start.board),)?
                     },
                     Local { real_time, board: make_board(start.board), background, link, link_end },
@@ -210,7 +311,7 @@ macro_rules! app {
                 }
             }
 
-            #[task(binds = $slot_timer, priority = 7, local = [real_time, board])]
+            #[task(binds = $slot_timer, priority = $slot_priority, local = [real_time, board])]
             fn slots(cx: slots::Context) {
                 slot_timer::begin();
                 let next_ticks = cx.local.real_time.on_timer(cx.local.board);
@@ -224,6 +325,22 @@ macro_rules! app {
                     rtic::export::pend(Interrupt::$link);
                 }
             }
+
+            $(
+                #[task(binds = $usb, priority = 3, shared = [line, usb_line])]
+                fn usb(cx: usb::Context) {
+                    if cx.shared.line.serve(cx.shared.usb_line) {
+                        rtic::export::pend(Interrupt::$link);
+                    }
+                }
+
+                #[task(binds = $usb_called, priority = 3, shared = [line, usb_line])]
+                fn usb_called(cx: usb_called::Context) {
+                    if cx.shared.line.serve(cx.shared.usb_line) {
+                        rtic::export::pend(Interrupt::$link);
+                    }
+                }
+            )?
 
             $(
                 #[task(binds = $plant_line, priority = 3, shared = [line])]

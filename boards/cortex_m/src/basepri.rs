@@ -9,6 +9,9 @@ use core::arch::asm;
 use cortex_m::register::basepri;
 use critical_section::{Impl, RawRestoreState};
 
+#[cfg(feature = "selftest")]
+use crate::section_time;
+
 /// RTIC priority of the slot timer. Only a watchdog's last word is above.
 pub const SLOT_PRIORITY: u8 = 7;
 
@@ -34,10 +37,18 @@ unsafe impl<const PRIORITY_BITS: u8> Impl for BelowTheSlots<PRIORITY_BITS> {
             asm!("msr BASEPRI_MAX, {}", in(reg) u32::from(Self::BASEPRI));
         }
         cortex_m::asm::isb();
+        #[cfg(feature = "selftest")]
+        if before == 0 {
+            section_time::begin();
+        }
         before
     }
 
     unsafe fn release(before: RawRestoreState) {
+        #[cfg(feature = "selftest")]
+        if before == 0 {
+            section_time::end();
+        }
         // SAFETY: restores what `acquire` found; the caller pairs them.
         unsafe { basepri::write(before) }
     }

@@ -3,23 +3,47 @@
 
 use core::marker::PhantomData;
 
+#[cfg(feature = "can")]
+use esm_link::message::SafeReason;
+#[cfg(feature = "can")]
+use rt_firmware::ActivationStart;
 use rt_firmware::Board;
+#[cfg(feature = "can")]
+use rt_firmware::frames::LinkDevice;
 
+#[cfg(feature = "can")]
+use crate::can_line::{CanChip as BoardChip, Device};
+#[cfg(not(feature = "can"))]
+use crate::chip::Chip as BoardChip;
 use crate::chip::MotorChip;
 use crate::sys_tick;
 
 /// Time, motors and watchdog for the slot timer's handler.
-pub struct ChipBoard<C>(PhantomData<C>);
+pub struct ChipBoard<C: BoardChip> {
+    #[cfg(feature = "can")]
+    frames: Option<Device<C>>,
+    chip: PhantomData<C>,
+}
 
-impl<C> ChipBoard<C> {
+impl<C: BoardChip> ChipBoard<C> {
     /// The board.
     #[allow(clippy::new_without_default, reason = "there is one")]
     pub const fn new() -> Self {
-        ChipBoard(PhantomData)
+        ChipBoard {
+            #[cfg(feature = "can")]
+            frames: None,
+            chip: PhantomData,
+        }
+    }
+
+    /// Gives it the device of a mission's link.
+    #[cfg(feature = "can")]
+    pub fn connect(&mut self, frames: Device<C>) {
+        self.frames = Some(frames);
     }
 }
 
-impl<C: MotorChip> Board for ChipBoard<C> {
+impl<C: MotorChip + BoardChip> Board for ChipBoard<C> {
     const TICKS_PER_US: u32 = C::TICKS_PER_US;
     const COUNT_BITS: u32 = sys_tick::BITS;
 
@@ -35,6 +59,22 @@ impl<C: MotorChip> Board for ChipBoard<C> {
     #[inline(always)]
     fn count(&mut self) -> u32 {
         sys_tick::count()
+    }
+
+    /// The device learns how robot time goes with the clock.
+    #[cfg(feature = "can")]
+    #[inline(always)]
+    fn begin_activation(&mut self, activation: &ActivationStart) -> Result<(), SafeReason> {
+        if let Some(frames) = &mut self.frames {
+            frames.note(activation.start_us, activation.start_ticks);
+        }
+        Ok(())
+    }
+
+    #[cfg(feature = "can")]
+    fn link(&mut self, index: usize) -> Option<&mut dyn LinkDevice> {
+        let device = self.frames.as_mut().filter(|_| index == 0)?;
+        Some(device)
     }
 
     fn feed_watchdog(&mut self) {

@@ -29,6 +29,9 @@ impl<T> Uninit<T> {
     }
 }
 
+/// Bytes of stack that are enough to end the firmware.
+pub const ROOM_TO_END: usize = 1024;
+
 #[unsafe(link_section = ".uninit.kept")]
 static RETAINED_RAM: Uninit<RetainedRam> = Uninit::new();
 
@@ -37,6 +40,14 @@ pub fn kept() -> &'static RetainedRam {
     // SAFETY: the memory is RAM, aligned for `RetainedRam`, which is made of atomic words of which
     // every bit pattern is valid; nobody has a mutable reference.
     unsafe { &*RETAINED_RAM.get() }
+}
+
+/// Why the firmware starts, from what was kept and from what the chip says. To be called once, at
+/// the start.
+pub fn begin(hardware: Option<ResetReason>) -> ResetReason {
+    #[cfg(target_has_atomic = "32")]
+    enable_faults();
+    kept().begin(hardware)
 }
 
 /// Ends the firmware: all that moves is stopped, the reason kept, the chip reset. From any context.
@@ -74,9 +85,10 @@ pub fn place_of<'a>(info: &'a PanicInfo<'_>) -> CrashCause<'a> {
     CrashCause::Panic { file, line }
 }
 
-/// What the core says of a fault, on cores that say more than where it was.
+/// What the core says of a fault, on cores that say more than where it was. Without a frame the
+/// stack had no room for one.
 #[cfg(target_has_atomic = "32")]
-pub fn core_fault(frame: &ExceptionFrame) -> CoreFault {
+pub fn core_fault(frame: Option<&ExceptionFrame>) -> CoreFault {
     const MEMORY_ADDRESS_VALID: u32 = 1 << 7;
     const BUS_ADDRESS_VALID: u32 = 1 << 15;
     // SAFETY: the registers are always there, and reading them changes nothing.
@@ -97,28 +109,47 @@ pub fn core_fault(frame: &ExceptionFrame) -> CoreFault {
         0
     };
     CoreFault {
-        pc: frame.pc(),
-        lr: frame.lr(),
         status,
         hard_status,
         address,
+        ..place_of_fault(frame)
     }
 }
 
 /// What the core says of a fault: where it was. Cores of ARMv6-M, which have no compare-and-swap
 /// either, have no registers that say more.
 #[cfg(not(target_has_atomic = "32"))]
-pub fn core_fault(frame: &ExceptionFrame) -> CoreFault {
+pub fn core_fault(frame: Option<&ExceptionFrame>) -> CoreFault {
+    place_of_fault(frame)
+}
+
+fn place_of_fault(frame: Option<&ExceptionFrame>) -> CoreFault {
+    let (pc, lr) = frame.map_or((CoreFault::STACK_OVERFLOW, 0), |frame| {
+        (frame.pc(), frame.lr())
+    });
     CoreFault {
-        pc: frame.pc(),
-        lr: frame.lr(),
-        status: 0,
-        hard_status: 0,
-        address: 0,
+        pc,
+        lr,
+        ..CoreFault::default()
     }
 }
 
-/// Makes the handlers of panics and of the core's faults: both call `$end` with the
+/// Lets the core call the handler of a bad access by itself: otherwise it escalates to a hard
+/// fault, and a core has no second one, for the frame that a full stack has no room for.
+#[cfg(target_has_atomic = "32")]
+fn enable_faults() {
+    const MEMORY_FAULT: u32 = 1 << 16;
+    const BUS_FAULT: u32 = 1 << 17;
+    // SAFETY: the register is always there; the handlers of both exceptions are those of
+    // `crash_handlers`, and end the firmware.
+    unsafe {
+        (*SCB::PTR)
+            .shcsr
+            .modify(|enabled| enabled | MEMORY_FAULT | BUS_FAULT)
+    };
+}
+
+/// Makes the handlers of panics and of the core's faults: all call `$end` with the
 /// [`CrashCause`](rt_firmware::retained_ram::CrashCause), which does not return.
 #[macro_export]
 macro_rules! crash_handlers {
@@ -128,12 +159,51 @@ macro_rules! crash_handlers {
             $end(&$crate::crash::place_of(info))
         }
 
-        // SAFETY: the handler neither returns nor trusts the state that it interrupted.
-        #[cortex_m_rt::exception]
-        unsafe fn HardFault(frame: &cortex_m_rt::ExceptionFrame) -> ! {
+        /// Handles a fault, with the frame that the core has put on the stack, or without one.
+        extern "C" fn handle_fault(frame: Option<&cortex_m_rt::ExceptionFrame>) -> ! {
             $end(&rt_firmware::retained_ram::CrashCause::Fault(
                 $crate::crash::core_fault(frame),
             ))
+        }
+
+        $crate::fault_handler!(HardFault);
+        #[cfg(target_has_atomic = "32")]
+        $crate::fault_handler!(BusFault);
+        #[cfg(target_has_atomic = "32")]
+        $crate::fault_handler!(MemoryManagement);
+    };
+}
+
+/// Makes the handler of one of the core's exceptions, for [`crash_handlers`]. Where the stack has
+/// no room for what ends the firmware, that begins at the stack's start: nothing goes back to what
+/// is there, and the frame is far from it. Where it had no room for the frame either, there is
+/// none.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! fault_handler {
+    ($exception:ident) => {
+        // SAFETY: the vector table names the function so, and nobody else does.
+        #[unsafe(no_mangle)]
+        #[unsafe(naked)]
+        #[allow(non_snake_case, reason = "an exception of the core")]
+        extern "C" fn $exception() -> ! {
+            core::arch::naked_asm!(
+                "mov r0, sp",
+                "ldr r1, =_stack_end + {room}",
+                "cmp r0, r1",
+                "bhs 1f",
+                "ldr r1, =_stack_start",
+                "mov sp, r1",
+                "ldr r1, =_stack_end",
+                "cmp r0, r1",
+                "bhs 1f",
+                "movs r0, #0",
+                "1:",
+                "ldr r1, ={handler}",
+                "bx r1",
+                room = const $crate::crash::ROOM_TO_END,
+                handler = sym handle_fault,
+            )
         }
     };
 }

@@ -18,10 +18,14 @@ pub fn split<B: LineBoard + LineTimer>(
     listener: StopListener<'static>,
     keep: Option<&'static mut B::Store>,
 ) -> (Line<B>, LinkEnd<B>) {
-    let (line, link_end) = line::split(received, to_transmit, listener, keep);
+    let (line, mut link_end) = line::split(received, to_transmit, listener, keep);
+    let goes_by_plant = plant_line::start::<B>();
+    if goes_by_plant {
+        link_end.without_rate();
+    }
     let line = Line {
         line,
-        goes_by_plant: plant_line::start::<B>(),
+        goes_by_plant,
     };
     (line, link_end)
 }

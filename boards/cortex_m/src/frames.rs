@@ -18,7 +18,7 @@ use esm_link::frames::receiver::{InFrames, MAX_STUFFED_BYTES, ReceiveError, rece
 use esm_link::frames::wire::{self, Header, MAX_WIRE_BYTES};
 use heapless::Vec;
 use heapless::spsc::{Consumer, Producer, Queue};
-use rt_firmware::frames::{LinkDevice, Taken};
+use rt_firmware::frames::{LinkDevice, RobotClock, Taken};
 
 use crate::chip::Chip;
 use crate::plant_frames;
@@ -130,14 +130,17 @@ pub fn start<C: FrameUart>() -> (FrameLine<C>, FrameDevice<C>) {
             chip: PhantomData,
         },
         FrameDevice {
-            ready: ready_in,
-            sent: sent_out,
-            arrived: arrived_out,
-            read: read_in,
-            spare: None,
-            next: None,
-            origin_ticks: 0,
+            end: DeviceEnd {
+                ready: ready_in,
+                sent: sent_out,
+                arrived: arrived_out,
+                read: read_in,
+                spare: None,
+                next: None,
+            },
+            clock: RobotClock::default(),
             rate_bps: 0,
+            is_new: false,
             goes_by_plant,
             chip: PhantomData,
         },
@@ -171,7 +174,11 @@ impl<C: FrameUart> FrameLine<C> {
             // A dispatcher hands frames over in the order of its declarations.
             let earlier = |it: &Owned| Reverse(it.at_ticks) <= Reverse(frame.at_ticks);
             let place = self.waiting.partition_point(earlier);
-            let _ = self.waiting.insert(place, frame);
+            // As a rule none waits, and nothing is to be moved.
+            let _ = match place == self.waiting.len() {
+                true => self.waiting.push(frame),
+                false => self.waiting.insert(place, frame),
+            };
         }
         self.go_on();
     }
@@ -276,6 +283,17 @@ impl<C: FrameUart> FrameLine<C> {
 
 /// The dispatchers' end.
 pub struct FrameDevice<C> {
+    end: DeviceEnd,
+    clock: RobotClock,
+    rate_bps: u32,
+    /// There are frames of which the interrupt does not know yet.
+    is_new: bool,
+    goes_by_plant: bool,
+    chip: PhantomData<C>,
+}
+
+/// The dispatchers' ends of the queues, for any chip.
+struct DeviceEnd {
     ready: Producer<'static, Owned>,
     sent: Consumer<'static, Owned>,
     arrived: Consumer<'static, Owned>,
@@ -284,11 +302,55 @@ pub struct FrameDevice<C> {
     spare: Option<Owned>,
     /// What has arrived, and later than it was asked for.
     next: Option<Owned>,
-    /// When the robot's time began, by the clock.
-    origin_ticks: u64,
-    rate_bps: u32,
-    goes_by_plant: bool,
-    chip: PhantomData<C>,
+}
+
+impl DeviceEnd {
+    /// Fills a buffer, and hands it over. False if there is none.
+    fn send(
+        &mut self,
+        start: (u64, u64),
+        header: Header,
+        payload_bytes: usize,
+        write: &mut dyn FnMut(&mut [u8]),
+    ) -> bool {
+        let Some(buffer) = self.spare.take().or_else(|| self.sent.dequeue()) else {
+            return false;
+        };
+        let Ok(length) = wire::encode_with(header, payload_bytes, &mut buffer.bytes, write) else {
+            self.spare = Some(buffer);
+            return false;
+        };
+        buffer.length = length as u8;
+        (buffer.start_us, buffer.at_ticks) = start;
+        self.ready.enqueue(buffer).is_ok()
+    }
+
+    /// Gives what had arrived at this time.
+    fn receive(
+        &mut self,
+        clock: &RobotClock,
+        ticks_per_us: u32,
+        until_us: u64,
+        frames: &dyn InFrames,
+        take: Taken<'_>,
+    ) {
+        // What arrives meanwhile is later.
+        for _ in 0..=WAITING {
+            let Some(buffer) = self.next.take().or_else(|| self.arrived.dequeue()) else {
+                return;
+            };
+            let Some(at_us) = clock.us_by(until_us, buffer.at_ticks, ticks_per_us) else {
+                self.next = Some(buffer);
+                return;
+            };
+            let bytes = buffer.bytes.get_mut(..buffer.length.into());
+            match bytes.filter(|_| !buffer.is_too_long) {
+                Some(bytes) => take(receive(bytes, frames), at_us),
+                None => take(Err(ReceiveError::TooLong), at_us),
+            }
+            let _ = self.read.enqueue(buffer);
+        }
+    }
 }
 
 impl<C: Chip> FrameDevice<C> {
@@ -296,12 +358,7 @@ impl<C: Chip> FrameDevice<C> {
     /// and by the other.
     #[inline(always)]
     pub fn note(&mut self, start_us: u64, start_ticks: u64) {
-        self.origin_ticks = start_ticks.wrapping_sub(start_us * u64::from(C::TICKS_PER_US));
-    }
-
-    fn ticks(&self, robot_us: u64) -> u64 {
-        self.origin_ticks
-            .wrapping_add(robot_us * u64::from(C::TICKS_PER_US))
+        self.clock.note(start_us, start_ticks, C::TICKS_PER_US);
     }
 
     /// Takes what the plant says that had arrived.
@@ -335,44 +392,23 @@ impl<C: FrameUart> LinkDevice for FrameDevice<C> {
         payload_bytes: usize,
         write: &mut dyn FnMut(&mut [u8]),
     ) -> bool {
-        let Some(buffer) = self.spare.take().or_else(|| self.sent.dequeue()) else {
-            return false;
-        };
-        let Ok(length) = wire::encode_with(header, payload_bytes, &mut buffer.bytes, write) else {
-            self.spare = Some(buffer);
-            return false;
-        };
-        buffer.length = length as u8;
-        (buffer.start_us, buffer.at_ticks) = (start_us, self.ticks(start_us));
-        self.ready.enqueue(buffer).is_ok()
+        let start = (start_us, self.clock.ticks(start_us, C::TICKS_PER_US));
+        let is_sent = self.end.send(start, header, payload_bytes, write);
+        self.is_new |= is_sent;
+        is_sent
     }
 
     fn start_sending(&mut self) {
-        C::call();
+        if core::mem::take(&mut self.is_new) {
+            C::call();
+        }
     }
 
     fn receive(&mut self, until_us: u64, frames: &dyn InFrames, take: Taken<'_>) {
         if self.goes_by_plant {
             return self.receive_by_plant(until_us, frames, take);
         }
-        let until_ticks = self.ticks(until_us);
-        // What arrives meanwhile is later.
-        for _ in 0..=WAITING {
-            let Some(buffer) = self.next.take().or_else(|| self.arrived.dequeue()) else {
-                return;
-            };
-            let Some(before_ticks) = until_ticks.checked_sub(buffer.at_ticks) else {
-                self.next = Some(buffer);
-                return;
-            };
-            let before_ticks = u32::try_from(before_ticks).unwrap_or(u32::MAX);
-            let at_us = until_us.saturating_sub((before_ticks / C::TICKS_PER_US).into());
-            let bytes = buffer.bytes.get_mut(..buffer.length.into());
-            match bytes.filter(|_| !buffer.is_too_long) {
-                Some(bytes) => take(receive(bytes, frames), at_us),
-                None => take(Err(ReceiveError::TooLong), at_us),
-            }
-            let _ = self.read.enqueue(buffer);
-        }
+        let FrameDevice { end, clock, .. } = self;
+        end.receive(clock, C::TICKS_PER_US, until_us, frames, take);
     }
 }

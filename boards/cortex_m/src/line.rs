@@ -3,11 +3,13 @@
 
 use core::marker::PhantomData;
 use core::mem;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 use esm_link::frame::MAX_FRAME_BYTES;
 #[cfg(feature = "keys")]
 use esm_link::key_store::KeyStore;
 use esm_link::message::MAX_CHUNK;
+use esm_link::selftest::Measures;
 use heapless::spsc::{Consumer, Producer, Queue};
 #[cfg(feature = "store")]
 use rt_firmware::mission_store::MissionStore;
@@ -16,6 +18,8 @@ use rt_firmware::{LinkPort, LinkSide, StopListener};
 #[cfg(feature = "log")]
 use crate::log;
 use crate::stack;
+
+pub use crate::wire::{LineRates, Wire};
 
 /// Room for received bytes: a window of chunks with their frames, which a host sends without
 /// waiting. So none is lost while the link is at something long, or waits for its time.
@@ -33,6 +37,8 @@ pub trait LineBoard: 'static {
     type Store: BoardStore;
     /// Milliseconds that it takes at most to keep a mission that is signed.
     const FLASH_MS: u16;
+    /// The rates of its line; none where it has one alone.
+    const RATES: Option<LineRates> = None;
 
     /// Microseconds since the board started.
     fn now_us() -> u64;
@@ -42,7 +48,19 @@ pub trait LineBoard: 'static {
 
     /// Lets the slot timer's interrupt come.
     fn call_slots();
+
+    /// What the board has measured of itself, but for its line.
+    fn measures() -> Measures {
+        Measures::default()
+    }
 }
+
+/// The rate that a line is to have, in baud: its own unless a host tries another. Written by the
+/// link, read by the line's interrupt.
+static WANTED_BAUD: AtomicU32 = AtomicU32::new(0);
+/// The rate that it has. Written by the line's interrupt, read by the link. Both are 0 where the
+/// line has never had another one than its own.
+static BAUD: AtomicU32 = AtomicU32::new(0);
 
 /// What a board keeps missions in, and its key where it may have one.
 #[cfg(all(feature = "store", feature = "keys"))]
@@ -89,37 +107,10 @@ pub fn split<B: LineBoard>(
             took: false,
             stack: None,
             to_transmit: to_transmit_in,
+            rates: B::RATES,
             keep,
         },
     )
-}
-
-/// The part of a chip that a line's bytes pass through.
-pub trait Wire {
-    /// Bytes that its FIFO holds; as many are moved in one interrupt at most.
-    const FIFO_BYTES: usize;
-
-    /// Takes the interrupt back. Called first in its handler.
-    fn acknowledge(&mut self);
-
-    /// Whether there is a byte in the receiver's FIFO.
-    fn has_received(&mut self) -> bool;
-
-    /// The next byte of the receiver's FIFO.
-    fn receive(&mut self) -> Option<u8>;
-
-    /// Called when bytes came, so that more may follow.
-    fn expect_more(&mut self) {}
-
-    /// Whether the transmitter's FIFO has room.
-    fn can_send(&mut self) -> bool;
-
-    /// Puts a byte into the transmitter's FIFO; only where it [has room](Self::can_send).
-    fn send(&mut self, byte: u8);
-
-    /// Sets whether the interrupt comes for a transmitter's FIFO that runs empty, too. For received
-    /// bytes it always comes.
-    fn want_sent(&mut self, sent: bool);
 }
 
 /// The interrupt handler's end.
@@ -173,6 +164,15 @@ impl<B: LineBoard> Line<B> {
             worth_a_look |= !self.to_transmit.ready();
         }
         wire.want_sent(self.to_transmit.ready());
+        let wanted = WANTED_BAUD.load(Relaxed);
+        if B::RATES.is_some()
+            && wanted != BAUD.load(Relaxed)
+            && !self.to_transmit.ready()
+            && wire.is_silent()
+        {
+            wire.set_rate(wanted);
+            BAUD.store(wanted, Relaxed);
+        }
         // The part calls when a byte comes into an empty FIFO, and its call was taken back above:
         // what is still there must be called for.
         if wire.has_received() {
@@ -190,6 +190,8 @@ pub struct LinkEnd<B: LineBoard> {
     took: bool,
     /// When the stack was measured last, and how much of it was in use.
     stack: Option<(u64, u32)>,
+    /// The rates that its line can have.
+    rates: Option<LineRates>,
     #[cfg_attr(not(feature = "store"), expect(dead_code, reason = "there is none"))]
     keep: Option<&'static mut B::Store>,
 }
@@ -200,9 +202,16 @@ impl<B: LineBoard> LinkEnd<B> {
         while link.poll(self) && self.to_transmit.ready() {}
         // Also where it took bytes: an interrupt that the part has not raised for those behind them
         // is made up for.
-        if mem::take(&mut self.took) || !self.to_transmit.is_empty() {
+        let is_other_rate = WANTED_BAUD.load(Relaxed) != BAUD.load(Relaxed);
+        if mem::take(&mut self.took) || !self.to_transmit.is_empty() || is_other_rate {
             B::call_line();
         }
+    }
+
+    /// Its line has no rate: something else carries the bytes.
+    #[cfg(feature = "plant")]
+    pub(crate) fn without_rate(&mut self) {
+        self.rates = None;
     }
 }
 
@@ -246,6 +255,24 @@ impl<B: LineBoard> LinkPort for LinkEnd<B> {
         };
         self.stack = Some((at_us, bytes));
         Some(bytes)
+    }
+
+    fn measures(&mut self) -> Measures {
+        Measures {
+            baud: self.rates.map(|rates| rates.own),
+            ..B::measures()
+        }
+    }
+
+    fn takes_line_rate(&mut self, baud: u32) -> bool {
+        (self.rates).is_some_and(|rates| (rates.slowest..=rates.fastest).contains(&baud))
+    }
+
+    fn set_line_rate(&mut self, baud: Option<u32>) {
+        if let Some(rates) = self.rates {
+            WANTED_BAUD.store(baud.unwrap_or(rates.own), Relaxed);
+            B::call_line();
+        }
     }
 
     #[cfg(feature = "store")]

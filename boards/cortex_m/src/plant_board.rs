@@ -12,7 +12,7 @@ use rt_firmware::{ActivationStart, Board};
 #[cfg(not(feature = "links"))]
 use crate::chip::Chip as BoardChip;
 #[cfg(feature = "links")]
-use crate::frames::{FrameDevice, FrameUart as BoardChip};
+use crate::frames::{self, FrameDevice, FrameLine, FrameUart as BoardChip};
 use crate::{last_exchange, plant, sys_tick};
 
 /// The pins. Drivers are built on their [`parts`](PinImage::parts) by the robot; the slot timer's
@@ -41,11 +41,28 @@ impl<C> PlantBoard<C> {
             chip: PhantomData,
         }
     }
+}
 
-    /// Gives it the device of a mission's link.
-    #[cfg(feature = "links")]
-    pub fn connect(&mut self, frames: FrameDevice<C>) {
-        self.frames = Some(frames);
+#[cfg(feature = "links")]
+impl<C: BoardChip> FrameLine<C> {
+    /// Starts a mission's link, and gives the board its device.
+    ///
+    /// # Panics
+    /// Where it is called twice.
+    pub fn start(board: &mut PlantBoard<C>) -> Self {
+        let (line, device) = frames::start();
+        board.frames = Some(device);
+        line
+    }
+}
+
+#[cfg(feature = "links")]
+impl<C: BoardChip> PlantBoard<C> {
+    /// Lets the device of a mission's link know how robot time goes with the clock.
+    pub fn note_time(&mut self, activation: &ActivationStart) {
+        if let Some(frames) = &mut self.frames {
+            frames.note(activation.start_us, activation.start_ticks);
+        }
     }
 }
 
@@ -71,9 +88,7 @@ impl<C: BoardChip> Board for PlantBoard<C> {
     #[inline(never)]
     fn begin_activation(&mut self, activation: &ActivationStart) -> Result<(), SafeReason> {
         #[cfg(feature = "links")]
-        if let Some(frames) = &mut self.frames {
-            frames.note(activation.start_us, activation.start_ticks);
-        }
+        self.note_time(activation);
         let request = self.exchange.request(
             &PINS,
             self.plant_epoch_us + activation.start_us,

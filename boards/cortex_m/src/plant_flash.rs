@@ -56,7 +56,7 @@ pub fn open<C: Chip>(
     plant::open_pair(&REQUESTS, REQUEST_PIPE, &REPLIES, REPLY_PIPE)?;
     let flash = BodyFlash::new(
         Wire(PhantomData),
-        flash_store::flash_bytes(blob_bytes as u32, ERASE_BYTES as u32),
+        flash_store::flash_bytes_with_script(blob_bytes as u32, ERASE_BYTES as u32),
     );
     memory.open(flash, blob_bytes as u32, default_mission)
 }

@@ -69,6 +69,12 @@ pub fn advance() -> u64 {
     CLOCK.advance(count())
 }
 
+/// How often [`advance`] was called: each slot does.
+#[cfg(feature = "selftest")]
+pub fn moves() -> u32 {
+    CLOCK.moves()
+}
+
 /// The low half of the ticks since start-up. For the slot timer's interrupt alone.
 #[inline(always)]
 pub fn low_ticks() -> u32 {

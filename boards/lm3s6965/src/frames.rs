@@ -5,13 +5,12 @@
 //! FIFOs: so each byte has its interrupt, and a frame's end is known when it comes.
 
 use cortex_m::peripheral::NVIC;
-use cortex_m_board::frames::{self, FrameLine, FrameUart};
+use cortex_m_board::frames::{FrameLine, FrameUart};
 use pac::Interrupt;
 
 use crate::Lm3s6965;
 use crate::clock::TICKS_PER_US;
 use crate::registers::{gpio_d, system_control, timer2, uart1};
-use crate::slots::SlotBoard;
 
 const RECEIVER_EMPTY: u32 = 1 << 4;
 const TRANSMITTER_FULL: u32 = 1 << 5;
@@ -21,26 +20,7 @@ const TIMED_OUT: u32 = 1;
 const TIMER_A_ENABLE: u32 = 1;
 
 /// The interrupts' end of the link.
-pub struct Line(FrameLine<Lm3s6965>);
-
-impl Line {
-    /// Starts the link, and gives the board its device.
-    pub fn start(board: &mut SlotBoard) -> Self {
-        let (line, device) = frames::start();
-        board.connect(device);
-        Line(line)
-    }
-
-    /// See [`FrameLine::start_due`].
-    pub fn start_due(&mut self) {
-        self.0.start_due();
-    }
-
-    /// See [`FrameLine::serve`].
-    pub fn serve(&mut self) {
-        self.0.serve();
-    }
-}
+pub type Line = FrameLine<Lm3s6965>;
 
 impl FrameUart for Lm3s6965 {
     fn start() {

@@ -42,6 +42,7 @@ pub use cortex_m_board::no_flash as flash;
 #[cfg(feature = "links")]
 pub mod frames;
 pub mod line;
+mod line_timer;
 pub mod post_mortem;
 pub mod registers;
 pub mod reset_cause;

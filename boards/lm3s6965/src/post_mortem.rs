@@ -23,7 +23,7 @@ pub fn take() -> (ResetReason, u64) {
     // Each bit stays until it is cleared: the next reset is to be told from this one.
     system_control::RESC.write(0);
     system_control::PBORCTL.write(RESET_ON_BROWN_OUT);
-    (crash::kept().begin(hardware), plant_time_us)
+    (crash::begin(hardware), plant_time_us)
 }
 
 /// Ends the firmware: motors off, the reason kept, reset. From any context.

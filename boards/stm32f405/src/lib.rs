@@ -18,8 +18,10 @@
 //!
 //! | priority | interrupt | does |
 //! |---|---|---|
+//! | 8 | TIM12, CAN 1 RX0, not in the emulator | frames of missions' links |
+//! | 8 | TIM3, USART 2, in the emulator with the feature `links` | the same |
 //! | 7 | TIM2 | the real-time side: slots, interpreter, real-time tasks |
-//! | 3 | USART 1 | bytes between the wire and the queues; listens for stops |
+//! | 3 | TIM7, in the emulator USART 1 | bytes between the wire and the queues; listens for stops |
 //! | 3 | TIM5, in the emulator | the same, where the plant carries the link |
 //! | 2 | CAN2 SCE (an unused vector, pended by software) | the link: requests, upload, trace and log streams |
 //! | 0 | none: the idle loop | background tasks; sleep |
@@ -41,8 +43,14 @@ pub mod flash {
 }
 #[cfg(not(feature = "store"))]
 pub use cortex_m_board::no_flash as flash;
+#[cfg(all(feature = "can", not(feature = "emulation")))]
+pub use silicon::can as frames;
 #[cfg(all(feature = "store", not(feature = "emulation")))]
 pub use silicon::flash;
+#[cfg(not(feature = "emulation"))]
+pub use silicon::uart_dma as uart;
+#[cfg(feature = "links")]
+pub mod frames;
 pub mod line;
 pub mod post_mortem;
 pub mod reset_cause;
@@ -50,7 +58,9 @@ pub mod reset_cause;
 pub mod silicon;
 pub mod slot_timer;
 pub mod slots;
+#[cfg(feature = "emulation")]
 pub mod uart;
+pub mod usart;
 pub mod watchdog;
 
 mod app;

@@ -1,9 +1,13 @@
-//! The link's line: moved by the interrupt of USART 1; in the emulator, also by that of timer 5
-//! (`cortex_m_board::plant_line`).
+//! The link's line: moved by the interrupt of timer 7, which looks at what DMA has moved; in the
+//! emulator by that of USART 1, or by that of timer 5 (`cortex_m_board::plant_line`).
 
 use crate::pac::Interrupt;
 use cortex_m::peripheral::NVIC;
 use cortex_m_board::line::{self, LineBoard};
+#[cfg(feature = "selftest")]
+use cortex_m_board::section_time;
+#[cfg(feature = "selftest")]
+use esm_link::selftest::Measures;
 
 use crate::flash::{self, BoardStore};
 use crate::{Stm32f405, clock, slot_timer};
@@ -16,13 +20,26 @@ pub type LinkEnd = line::LinkEnd<Stm32f405>;
 impl LineBoard for Stm32f405 {
     type Store = BoardStore;
     const FLASH_MS: u16 = flash::LONGEST_MS;
+    #[cfg(feature = "selftest")]
+    const RATES: Option<line::LineRates> = Some(crate::usart::RATES);
+
+    #[cfg(feature = "selftest")]
+    fn measures() -> Measures {
+        Measures {
+            critical_section_ns: Some(section_time::longest_ns(clock::TICKS_PER_US)),
+            ..Measures::default()
+        }
+    }
 
     fn now_us() -> u64 {
         clock::now_us()
     }
 
     fn call_line() {
+        #[cfg(feature = "emulation")]
         NVIC::pend(Interrupt::USART1);
+        #[cfg(not(feature = "emulation"))]
+        NVIC::pend(Interrupt::TIM7);
     }
 
     fn call_slots() {

@@ -16,7 +16,7 @@ pub fn take() -> ResetReason {
     let hardware = reset_cause::reason(clock::rcc().csr().read().bits());
     // Each bit stays until it is cleared: the next reset is to be told from this one.
     clock::rcc().csr().modify(|_, w| w.rmvf().set_bit());
-    crash::kept().begin(hardware)
+    crash::begin(hardware)
 }
 
 /// Ends the firmware: motors off, the reason kept, reset. From any context.

@@ -451,6 +451,23 @@ class Client:
         self.require("behaviours")
         self._command("cancel behaviour", messages.Done, messages.BEHAVIOURS, messages.U8(2), key)
 
+    def kept_script(self) -> messages.BehaviourList:
+        """The script that the robot keeps: `script` is 0 where there is none, `state` is `runs` where it starts with the mission that runs."""
+        self.require("behaviours")
+        return self._command("kept script", messages.BehaviourList, messages.BEHAVIOURS, messages.U8(12))
+
+    def keep_script(self, script: int) -> None:
+        """Lets the robot keep the script that was run last, and run it each time that it starts with the mission that runs now."""
+        self.require("behaviours")
+        self.require("store")
+        self._command("keep script", messages.Done, messages.BEHAVIOURS, messages.U8(11), script)
+
+    def remove_script(self) -> None:
+        """Lets the robot keep no script any more. What runs goes on."""
+        self.require("behaviours")
+        self.require("store")
+        self._command("remove script", messages.Done, messages.BEHAVIOURS, messages.U8(11), 0)
+
     def drive(self, forward_m_per_s: float, turn_rad_per_s: float) -> None:
         """Moves the robot by hand for 300 ms at most: ask again four times a second or more, as long as it is to last.
 

@@ -12,7 +12,8 @@ PROTOCOL_VERSION = 4
     CLOCK, WITHIN, FEATURES, VALUES,
     IDENTIFY, OPEN_SESSION, PROVEN,
     BEHAVIOUR_LIST, BEHAVIOURS, DRIVE, END_DRIVE,
-) = range(40)  # fmt: skip
+    SELFTEST,
+) = range(41)  # fmt: skip
 
 #: `of` in the answer to a message that was no request.
 NO_REQUEST = 255
@@ -24,7 +25,7 @@ KEY_BYTES = 32
 # What a robot with a key takes within `Signed` only.
 SIGNED_ONLY = (COMMIT, START, CONFIRM, FALL_BACK, INSTALL_KEY, REMOVE_KEY, SET_PARAM, SAVE_PARAMS, RELEASE, BEHAVIOURS)
 # What it takes in its owner's session only.
-SESSION_ONLY = (BEGIN, CHUNK, ABORT, CHALLENGE, SIGNED, SIGN, DRIVE, END_DRIVE)
+SESSION_ONLY = (BEGIN, CHUNK, ABORT, CHALLENGE, SIGNED, SIGN, DRIVE, END_DRIVE, SELFTEST)
 # What begins a session, or is no part of one.
 NEVER_PROVEN = (HELLO, IDENTIFY, OPEN_SESSION, PROVEN)
 

@@ -121,6 +121,8 @@ class Messages(unittest.TestCase):
             "request cancel": (messages.BEHAVIOURS, messages.U8(2), 300),
             "request drive": (messages.DRIVE, Raw(struct.pack("<ff", 0.25, -1.5)), 2**40),
             "request end drive": (messages.END_DRIVE,),
+            "request selftest measures": (messages.SELFTEST, b"\0"),
+            "request selftest line rate": (messages.SELFTEST, struct.pack("<BII", 1, 921_600, 2_000)),
         }
         for name, (kind, *fields) in requests.items():
             with self.subTest(name):

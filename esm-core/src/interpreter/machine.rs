@@ -59,6 +59,7 @@ pub(super) struct Places<P, A> {
     code: P,
     timers: P,
     task_instances: P,
+    pub(super) params: P,
 }
 
 /// 32 region instances, which have their bits in one word.
@@ -140,6 +141,7 @@ impl<'m, R: Access> Machine<'m, R> {
             code: table(Section::Code),
             timers: table(Section::Timers),
             task_instances: table(Section::TaskInstances),
+            params: table(Section::Params),
         };
         let slot = record_bytes(Section::Slots) * number(mission::INTERPRETER_SLOT);
         let period = R::ahead(table(Section::Slots), slot + slot::PERIOD.offset());

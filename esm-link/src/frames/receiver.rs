@@ -1,9 +1,7 @@
 //! Bytes in, as they arrive; whole frames out.
 
-use esm_core::format::crc32_continued;
-
 use super::configuration::Configuration;
-use super::wire::{FRAMING_BYTES, HEADER_BYTES, MAX_WIRE_BYTES};
+use super::wire::{self, FRAMING_BYTES, HEADER_BYTES, MAX_WIRE_BYTES, unstuffed};
 use crate::frame::{CRC_BYTES, DELIMITER};
 
 /// Greatest number of frames that one end of a link receives.
@@ -104,8 +102,8 @@ pub fn receive<'a>(
     stuffed: &'a mut [u8],
     frames: &(impl InFrames + ?Sized),
 ) -> Result<Arrived<'a>, ReceiveError> {
-    let len = cobs::decode_in_place(stuffed).map_err(|_| ReceiveError::Checksum)?;
-    check(stuffed.get(..len).unwrap_or_default(), frames)
+    let plain = unstuffed(stuffed).ok_or(ReceiveError::Checksum)?;
+    check(plain, frames)
 }
 
 /// Checks what was between two delimiters, COBS taken off, and finds its frame.
@@ -128,8 +126,7 @@ pub(crate) fn check<'a>(
     if payload.len() != usize::from(frame.payload_bytes) {
         return Err(ReceiveError::Length);
     }
-    let crc = crc32_continued(frame.configuration.checksum_before(), checked);
-    if crc != u32::from_le_bytes(*checksum) {
+    if wire::checksum(frame.configuration, checked) != u32::from_le_bytes(*checksum) {
         return Err(ReceiveError::Checksum);
     }
     Ok(Arrived {

@@ -3,7 +3,7 @@
 use esm_core::format::crc32_continued;
 
 use super::configuration::Configuration;
-use crate::frame::{COBS_GROUP_BYTES, CRC_BYTES, DELIMITER, stuff};
+use crate::frame::{COBS_GROUP_BYTES, CRC_BYTES, DELIMITER, stuff, unstuff};
 
 /// Greatest identifier of a frame: CAN has 11 bits for it.
 pub const MAX_IDENTIFIER: u16 = esm_core::frames::MAX_ID;
@@ -103,9 +103,30 @@ pub fn encode_with(
     let [low, high] = header.identifier.to_le_bytes();
     *head = [low, high, header.number, header.configuration.low_byte()];
     write(payload);
-    let crc = crc32_continued(header.configuration.checksum_before(), checked);
-    *checksum = crc.to_le_bytes();
-    *first = stuff(plain);
+    *checksum = self::checksum(header.configuration, checked).to_le_bytes();
+    *first = stuffed(plain);
     *end = DELIMITER;
     Ok(needed)
+}
+
+/// The checksum of a frame of this configuration, whose bytes before it are `checked`.
+// By itself, as the two below: what a frame takes byte by byte can be measured so.
+#[inline(never)]
+#[must_use]
+pub fn checksum(configuration: Configuration, checked: &[u8]) -> u32 {
+    crc32_continued(configuration.checksum_before(), checked)
+}
+
+/// Encodes a frame with COBS where it lies, and returns the byte before it.
+#[inline(never)]
+#[must_use]
+pub fn stuffed(plain: &mut [u8]) -> u8 {
+    stuff(plain)
+}
+
+/// Takes COBS off a frame where it lies. None where the bytes are not what COBS makes of something.
+#[inline(never)]
+#[must_use]
+pub fn unstuffed(stuffed: &mut [u8]) -> Option<&mut [u8]> {
+    unstuff(stuffed)
 }

@@ -69,7 +69,7 @@ impl CrashReport {
 /// A fault of a processor, in the registers of an ARMv7-M core.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CoreFault {
-    /// The instruction that faulted.
+    /// The instruction that faulted, or [`STACK_OVERFLOW`](Self::STACK_OVERFLOW).
     pub pc: u32,
     /// Where its function was called from.
     pub lr: u32,
@@ -79,6 +79,12 @@ pub struct CoreFault {
     pub hard_status: u32,
     /// The address of a bad access (MMFAR or BFAR), 0 if it is not known.
     pub address: u32,
+}
+
+impl CoreFault {
+    /// In the place of an instruction: the stack had no room for what the core keeps of one. No
+    /// instruction has an odd address.
+    pub const STACK_OVERFLOW: u32 = u32::MAX;
 }
 
 /// Who was silent for too long.

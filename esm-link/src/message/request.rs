@@ -243,6 +243,12 @@ pub enum Request<'a> {
     },
     /// REMOTE_CONTROL ends. Answer: [`Response::Done`], also where nobody drove.
     EndDrive,
+    /// What a board that measures itself is asked. Answer: [`Response::TaskText`] with
+    /// [`Measures`](crate::selftest::Measures), or [`Response::Done`].
+    Selftest {
+        /// Which: see [`Ask`](crate::selftest::Ask).
+        ask: &'a [u8],
+    },
 }
 
 impl Request<'_> {
@@ -289,6 +295,7 @@ impl Request<'_> {
             Request::Behaviours(_) => 37,
             Request::Drive { .. } => 38,
             Request::EndDrive => 39,
+            Request::Selftest { .. } => 40,
         }
     }
 

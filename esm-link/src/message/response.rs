@@ -39,7 +39,7 @@ pub enum Response<'a> {
     Done,
     /// To [`Request::Status`].
     Status(Status),
-    /// To [`Request::Task`] and [`Request::Values`].
+    /// To [`Request::Task`], [`Request::Values`] and [`Request::Selftest`].
     TaskText {
         /// Length of the whole text.
         total: u16,

@@ -136,6 +136,7 @@ fn the_kind_of_a_request_is_its_number_in_a_message() {
             until_us: 0,
         },
         Request::EndDrive,
+        Request::Selftest { ask: &bytes },
     ];
     let mut room = [0; MAX_FRAME_BYTES];
     for (request, number) in all.into_iter().zip(0..) {

@@ -3,17 +3,20 @@
 use std::collections::BTreeMap;
 use std::io;
 use std::num::NonZeroUsize;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc;
 use std::thread;
 
 use esm_toolkit::goal::{Goal, Reached};
+use esm_toolkit::script::Script;
 use esm_toolkit::world::World;
 
 use crate::host_board::RobotMaker;
 use crate::interrupt::Interrupt;
 use crate::lockstep::plant_side::SonarBreak;
 use crate::run::board::{Board, LinkWay};
+use crate::run::by_hand::ByHand;
 use crate::run::drive::{Plan, Planned, RunError, drive};
 use crate::run::mission::Mission;
 use crate::run::summary::Summary;
@@ -31,6 +34,19 @@ pub struct Course {
     pub until_us: u64,
     /// What is to be reached by then; none where only touches are judged.
     pub goal: Option<Goal>,
+    /// What the mission's list of behaviours is sent, if it is.
+    pub script: Option<Sent>,
+}
+
+/// A script that a mission is sent.
+#[derive(Clone, Debug)]
+pub struct Sent {
+    /// Its file, as it was named.
+    pub file: PathBuf,
+    /// The script.
+    pub script: Script,
+    /// Robot time at which it is sent, in microseconds.
+    pub at_us: u64,
 }
 
 /// What came of one run.
@@ -67,6 +83,10 @@ impl Course {
             link: LinkWay::Exchange,
             seed,
             until_us: Some(self.until_us),
+            by_hand: ByHand {
+                script: (self.script.as_ref()).map(|sent| (sent.at_us, sent.script.clone())),
+                ..ByHand::default()
+            },
             ..Plan::new(Board::Host { robot }, self.world.clone(), missions)
         };
         if varies { plan.varied() } else { plan }

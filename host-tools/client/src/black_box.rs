@@ -5,7 +5,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use esm_link::black_box::{Event, PoseFrame, Record};
-use esm_link::message::ResetReason;
+use esm_link::message::{CoreFault, ResetReason};
 use serde::Serialize;
 
 use crate::reading::{mode_words, reset_reason};
@@ -281,6 +281,9 @@ impl fmt::Display for Entry {
                 write!(f, "the firmware ended: {reason}")?;
                 match (line, pc) {
                     (Some(line), _) => write!(f, ", in line {line}"),
+                    (_, Some(CoreFault::STACK_OVERFLOW)) => {
+                        write!(f, ": the stack was too deep for its memory")
+                    }
                     (_, Some(pc)) => write!(f, ", at {pc:#010x}"),
                     _ => Ok(()),
                 }
@@ -382,6 +385,14 @@ mod tests {
                     detail: 0x1234,
                 },
                 "    1.500 s  the firmware ended: the processor met a fault, at 0x00001234",
+            ),
+            (
+                Event::Ended {
+                    reason: ResetReason::CpuFault,
+                    detail: CoreFault::STACK_OVERFLOW,
+                },
+                "    1.500 s  the firmware ended: the processor met a fault: the stack was too deep \
+                 for its memory",
             ),
             (
                 Event::Mission { hash: 0xAB },

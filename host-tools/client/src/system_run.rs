@@ -8,6 +8,7 @@ use std::thread;
 use esm_toolkit::host_board::{HostMemory, about};
 use esm_toolkit::host_run::{Ended, Given, RunError};
 use esm_toolkit::plant::Plant;
+use esm_toolkit::system::arrivals::Arrivals;
 use esm_toolkit::system::declaration::{Link, Pins};
 use esm_toolkit::system::lock_step::{self, InStep, Member, RunningProcessor};
 use esm_toolkit::system::shared_plant::SharedPlant;
@@ -28,7 +29,7 @@ const STACK_BYTES_EACH: usize = 32 * 1024 * 1024;
 pub struct Plan {
     /// Makes the tasks of each processor.
     pub robot: RobotMaker,
-    /// The processors.
+    /// The processors, each as often as it is there: anew behind each reset.
     pub processors: Vec<Processor>,
     /// What lies between them.
     pub links: Vec<Link>,
@@ -42,9 +43,11 @@ pub struct Plan {
     pub stop_at_us: Option<u64>,
 }
 
-/// A processor.
+/// A processor between two resets.
 pub struct Processor {
-    /// Its mission and its clock.
+    /// Its index in the system.
+    pub index: usize,
+    /// Its mission, its clock, and when it is there.
     pub member: Member,
     /// What it has of the body.
     pub pins: Vec<Pins>,
@@ -54,12 +57,14 @@ pub struct Processor {
 
 /// A run that is over.
 pub struct Outcome {
-    /// How it ended for each processor; none where its mission never started.
+    /// How it ended for each of the plan's processors; none where its mission never started.
     pub processors: Vec<Option<Ended>>,
     /// The plant at the end.
     pub plant: Plant,
     /// What has crossed each link.
     pub traffic: Vec<Option<[wiring::Sent; 2]>>,
+    /// What has arrived at both ends of each link.
+    pub arrived: Vec<Option<[Arrivals; 2]>>,
 }
 
 /// Why a run did not come to its end.
@@ -127,7 +132,8 @@ pub fn run(plan: Plan, hear: &mut Hear<'_>) -> Result<Outcome, SystemError> {
                 let shared = SharedPlant::new(plan.plant.clone(), plan.stop_at_us);
                 let links: Vec<Links> = (plan.processors.iter())
                     .map(|it| Links {
-                        clock: it.member.clock,
+                        processor: it.index,
+                        life: it.member.life,
                         links: it.member.mission.links.clone(),
                     })
                     .collect();
@@ -141,6 +147,7 @@ pub fn run(plan: Plan, hear: &mut Hear<'_>) -> Result<Outcome, SystemError> {
                     processors: ended,
                     plant: shared.at(plan.until_us),
                     traffic: traffic.sent(),
+                    arrived: traffic.arrived(),
                 })
             })?;
         boards.join().map_err(|_| SystemError::Panicked)?
@@ -172,8 +179,8 @@ fn nest(
     let Some(next) = plan.processors.get(running.len()) else {
         return Ok(lock_step::run(&mut running, plan.until_us, hear)?);
     };
-    let processor = running.len() + 1;
-    let behind = shared.pins(&next.pins, next.member.clock);
+    let processor = next.index + 1;
+    let behind = shared.pins(&next.pins, next.member.life);
     let own = ends
         .get_mut(running.len())
         .map(std::mem::take)

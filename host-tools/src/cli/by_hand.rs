@@ -16,9 +16,10 @@ use super::position::place::{PlaceError, place};
 use super::script;
 use crate::lang;
 use crate::run::by_hand::{ByHand, Driven, Placed};
+use crate::script::Script;
 
 /// When a script is sent: the mission that runs has made its list by then.
-const SCRIPT_AT_US: u64 = 500_000;
+pub const SCRIPT_AT_US: u64 = 500_000;
 
 /// What the list of behaviours is told.
 #[derive(Debug, Args)]
@@ -148,17 +149,9 @@ pub fn planned(
             "two movements of --drive are at one time"
         )));
     }
-    let script = match &args.script {
-        None => None,
-        Some(file) => {
-            let text = script::text_of(file)?;
-            let checked = lang::load(mission).map_err(|error| CommandError::Input(error.into()))?;
-            // Its mistakes have been told when it was compiled.
-            let model = checked.model.ok_or(CommandError::Told)?;
-            let script = script::checked(file, &text, &model.tasks, false, console)?;
-            Some((SCRIPT_AT_US, script))
-        }
-    };
+    let script = args.script.as_deref();
+    let script = script.map(|file| script_for(file, mission, console));
+    let script = script.transpose()?.map(|script| (SCRIPT_AT_US, script));
     let mut placed: Vec<Placed> = args.position.iter().map(|placing| placing.0).collect();
     placed.sort_by_key(|placed| placed.at_us);
     Ok(ByHand {
@@ -166,6 +159,22 @@ pub fn planned(
         driven,
         placed,
     })
+}
+
+/// The script of a file, checked against the tasks of a mission that has been compiled.
+///
+/// # Errors
+/// It cannot be read, or has mistakes, which are told.
+pub fn script_for(
+    file: &Path,
+    mission: &Path,
+    console: &mut Console,
+) -> Result<Script, CommandError> {
+    let text = script::text_of(file)?;
+    let checked = lang::load(mission).map_err(|error| CommandError::Input(error.into()))?;
+    // Its mistakes have been told when it was compiled.
+    let model = checked.model.ok_or(CommandError::Told)?;
+    script::checked(file, &text, &model.tasks, false, console)
 }
 
 #[cfg(test)]

@@ -75,16 +75,5 @@ pub fn execute(args: &DrawArgs, console: &mut Console) -> Result<(), CommandErro
         DrawError::NoContainer { .. } => CommandError::Usage(error.into()),
         _ => CommandError::Input(error.into()),
     })?;
-    let is_png = args
-        .output
-        .extension()
-        .is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
-    let picture = if is_png {
-        scene
-            .to_png()
-            .map_err(|error| CommandError::Input(error.into()))?
-    } else {
-        scene.to_svg().into_bytes()
-    };
-    file::write_whole(&args.output, &picture, "picture")
+    file::write_picture(&args.output, &scene)
 }

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use anyhow::Context;
 
+use super::console::Console;
 use super::difference;
 use super::exit::CommandError;
 use crate::clean::counted;
@@ -108,8 +109,27 @@ impl Expected<BufReader<File>> {
     }
 }
 
+/// Ends a comparison with this trace, and says where it differs first.
+///
+/// # Errors
+/// [`CommandError::Told`] if it does; or the trace cannot be read to its end.
+pub fn judge(
+    expected: Expected<BufReader<File>>,
+    path: &Path,
+    console: &mut Console,
+) -> Result<(), CommandError> {
+    let compared = expected.finish().with_context(|| unread(path));
+    match compared.map_err(CommandError::Input)? {
+        Some(difference) => {
+            console.note(&difference.told(path));
+            Err(CommandError::Told)
+        }
+        None => Ok(()),
+    }
+}
+
 /// What is said of a trace that cannot be read.
-pub fn unread(path: &Path) -> String {
+fn unread(path: &Path) -> String {
     format!("cannot read the trace {}", path.display())
 }
 

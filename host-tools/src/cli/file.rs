@@ -10,6 +10,7 @@ use anyhow::{Context, anyhow};
 use super::exit::CommandError;
 use crate::files;
 use crate::nearby::nearby;
+use crate::pictures::scene::Scene;
 use crate::recording::file::MARK;
 
 /// Reads a whole input file that is no longer than `most_bytes`.
@@ -191,6 +192,19 @@ fn place(path: &Path) -> PathBuf {
 pub fn create(path: &Path, what: &str) -> Result<BufWriter<File>, CommandError> {
     let file = File::create(path).with_context(|| unwritten(path, what));
     Ok(BufWriter::new(file.map_err(CommandError::World)?))
+}
+
+/// Writes a picture in the format that the name of its file asks for: PNG, or else SVG.
+///
+/// # Errors
+/// If it cannot be drawn, or as [`write_whole`].
+pub fn write_picture(path: &Path, scene: &Scene) -> Result<(), CommandError> {
+    let is_png = (path.extension()).is_some_and(|ending| ending.eq_ignore_ascii_case("png"));
+    let bytes = match is_png {
+        true => (scene.to_png()).map_err(|error| CommandError::Input(error.into()))?,
+        false => scene.to_svg().into_bytes(),
+    };
+    write_whole(path, &bytes, "picture")
 }
 
 /// Writes a whole output file: it appears complete or not at all, and an old one stays where the

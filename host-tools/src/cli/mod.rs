@@ -43,6 +43,7 @@ pub mod fmt;
 pub mod inspect;
 pub mod kept_values;
 pub mod key;
+pub mod link;
 pub mod log;
 pub mod lsp;
 pub mod mission;
@@ -64,6 +65,7 @@ pub mod script;
 pub mod seeds;
 pub mod selftest;
 mod sensors;
+mod shipped_docs;
 pub mod sim;
 pub mod stage;
 pub mod start;
@@ -140,6 +142,7 @@ pub enum Command {
     Test(test::TestArgs),
     Run(Box<run::RunArgs>),
     System(system::SystemArgs),
+    Link(link::LinkArgs),
     Bench(bench::BenchArgs),
     Board(board::BoardArgs),
     Ports(ports::PortsArgs),
@@ -244,6 +247,7 @@ pub fn execute(
         Command::Test(args) => test::execute(args, console),
         Command::Run(args) => run::execute(args, robot, console),
         Command::System(args) => system::execute(args, robot, console),
+        Command::Link(args) => link::execute(args, robot, console),
         Command::Bench(args) => bench::execute(args, robot, console),
         Command::Board(args) => board::execute(args, robot, console),
         Command::Ports(args) => ports::execute(args, console),

@@ -100,15 +100,7 @@ pub fn execute(args: &PlotArgs, console: &mut Console) -> Result<(), CommandErro
             args.recording.display()
         )));
     }
-    let scene = picture.scene();
-    let is_png = (args.output.extension()).is_some_and(|ending| ending.eq_ignore_ascii_case("png"));
-    let bytes = match is_png {
-        true => scene
-            .to_png()
-            .map_err(|error| CommandError::Input(error.into()))?,
-        false => scene.to_svg().into_bytes(),
-    };
-    file::write_whole(&args.output, &bytes, "picture")?;
+    file::write_picture(&args.output, &picture.scene())?;
     let error = ended.as_ref().err().map(ToString::to_string);
     if args.json {
         let shown = &shown;

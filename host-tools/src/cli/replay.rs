@@ -5,7 +5,7 @@ use std::io::{self, BufRead, BufReader, BufWriter, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::{Context, anyhow};
+use anyhow::anyhow;
 use clap::Args;
 use serde::Serialize;
 
@@ -174,14 +174,7 @@ pub fn execute(args: &ReplayArgs, console: &mut Console) -> Result<(), CommandEr
     let (Some(expected), Some(path)) = (trace.expected, &args.expect) else {
         return Ok(());
     };
-    let compared = expected.finish().with_context(|| expected::unread(path));
-    match compared.map_err(CommandError::Input)? {
-        Some(difference) => {
-            console.note(&difference.told(path));
-            Err(CommandError::Told)
-        }
-        None => Ok(()),
-    }
+    expected::judge(expected, path, console)
 }
 
 /// How long a replay that is interrupted may go on with the macro step that it is in.

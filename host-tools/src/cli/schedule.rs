@@ -1,6 +1,6 @@
 //! `esm schedule`: when each slot starts, what is free, and which tasks share a slot.
 
-mod chart;
+pub(super) mod chart;
 mod tasks;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -175,7 +175,7 @@ pub fn execute(args: &ScheduleArgs, console: &mut Console) -> Result<(), Command
             timetable,
             tasks: task_names,
         };
-        file::write_whole(path, &drawn(&picture, path)?, "picture")?;
+        file::write_picture(path, &picture.scene())?;
     }
     Ok(())
 }
@@ -233,7 +233,7 @@ fn link_table(link: &LinkReport, console: &mut Console) -> Result<(), CommandErr
 
 /// Names of the tasks that states put into each slot, by its number, each once and in the order of
 /// their declarations.
-fn task_names(model: Option<&Model>) -> BTreeMap<u32, Vec<String>> {
+pub(super) fn task_names(model: Option<&Model>) -> BTreeMap<u32, Vec<String>> {
     let mut names = BTreeMap::new();
     let Some(model) = model else { return names };
     let mut used: BTreeSet<(usize, usize)> = BTreeSet::new();
@@ -261,21 +261,6 @@ fn task_names(model: Option<&Model>) -> BTreeMap<u32, Vec<String>> {
         }
     }
     names
-}
-
-/// A picture in the format that the name of its file asks for.
-fn drawn(picture: &SlotPicture, path: &Path) -> Result<Vec<u8>, CommandError> {
-    let scene = picture.scene();
-    if path
-        .extension()
-        .is_some_and(|ending| ending.eq_ignore_ascii_case("png"))
-    {
-        scene
-            .to_png()
-            .map_err(|error| CommandError::Input(error.into()))
-    } else {
-        Ok(scene.to_svg().into_bytes())
-    }
 }
 
 /// The percentage behind `--snap`, which may be left out: then what stands there can be the file.

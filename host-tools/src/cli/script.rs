@@ -4,10 +4,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
 use clap::{Args, Subcommand};
-use esm_link::behaviours::BehaviourRequest;
+use esm_link::behaviours::{BehaviourRequest, ScriptState, ScriptStatus};
+use esm_link::features::Feature;
 use serde::Serialize;
 
-use super::behaviours::list::{connect, connect_and_read, script_line, script_report};
+use super::behaviours::list::{
+    ScriptReport, connect, connect_and_read, script_line, script_report,
+};
 use super::console::Console;
 use super::exit::CommandError;
 use super::mission;
@@ -31,10 +34,12 @@ use crate::script::{Script, read};
 Examples:
   esm script check missions/square.script --board host
   esm script run missions/square.script --port /dev/ttyACM0
+  esm script run missions/square.script --keep --port /dev/ttyACM0
   esm script show
   esm script suspend
   esm script resume
-  esm script end"
+  esm script end
+  esm script remove"
 )]
 pub struct ScriptArgs {
     /// What to do.
@@ -63,6 +68,9 @@ pub enum Action {
     /// Ends the script: its step leaves the list
     #[command(after_help = "Example:\n  esm script end --port /dev/ttyACM0")]
     End(OnRobotArgs),
+    /// Removes the script that the robot keeps in its flash; what runs goes on
+    #[command(after_help = "Example:\n  esm script remove --port /dev/ttyACM0")]
+    Remove(OnRobotArgs),
 }
 
 /// Checks a script against what a firmware declares
@@ -90,15 +98,21 @@ pub struct CheckArgs {
 /// Sends a script to a robot, which does it in place of the one before
 ///
 /// It is checked first. What was sent begins when all of it is there; until then the one before
-/// goes on.
+/// goes on. With `--keep` the robot keeps it in its flash, in place of the one that it kept before:
+/// each time that it starts with the mission that runs now, it does the script from its beginning.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  esm script run missions/square.script --port /dev/ttyACM0")]
+  esm script run missions/square.script --port /dev/ttyACM0
+  esm script run missions/square.script --keep --port /dev/ttyACM0")]
 pub struct RunArgs {
     /// The script
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
+
+    /// Keep it in the robot's flash: it is done again after a loss of power
+    #[arg(long)]
+    pub keep: bool,
 
     #[command(flatten)]
     #[allow(missing_docs, reason = "carries the documentation of its arguments")]
@@ -121,10 +135,28 @@ pub struct OnRobotArgs {
     pub json: bool,
 }
 
-/// What `--json` prints where there is no script.
+/// What `--json` prints of a script.
+#[derive(Debug, Serialize)]
+struct State {
+    #[serde(flatten)]
+    script: ScriptReport,
+    kept: Option<KeptReport>,
+}
+
+/// The same where none was run.
 #[derive(Debug, Serialize)]
 struct NoScript {
     script: Option<String>,
+    kept: Option<KeptReport>,
+}
+
+/// The script that the robot keeps in its flash.
+#[derive(Debug, Serialize)]
+struct KeptReport {
+    script: String,
+    steps: u8,
+    /// It is for the mission that runs.
+    starts: bool,
 }
 
 /// Runs the command. `robot` is what the board `host` has.
@@ -146,6 +178,12 @@ pub fn execute(
         Action::Suspend(args) => change(args, BehaviourRequest::SuspendScript, console),
         Action::Resume(args) => change(args, BehaviourRequest::ResumeScript, console),
         Action::End(args) => change(args, BehaviourRequest::EndScript, console),
+        Action::Remove(args) => {
+            let (mut robot, _) = connect(&args.robot, console)?;
+            robot.require(Feature::Store)?;
+            robot.remove_script()?;
+            tell_state(&mut robot, args.json, console)
+        }
     }
 }
 
@@ -213,8 +251,14 @@ pub fn checked(
 fn run(args: &RunArgs, console: &mut Console) -> Result<(), CommandError> {
     let text = text_of(&args.file)?;
     let (mut robot, tasks) = connect_and_read(&args.robot, console)?;
+    if args.keep {
+        robot.require(Feature::Store)?;
+    }
     let script = checked(&args.file, &text, &tasks, args.json, console)?;
     robot.run_script(&script)?;
+    if args.keep {
+        robot.keep_script(&script)?;
+    }
     tell_state(&mut robot, args.json, console)
 }
 
@@ -230,10 +274,41 @@ fn change(
 
 fn tell_state(robot: &mut Robot, json: bool, console: &mut Console) -> Result<(), CommandError> {
     let status = robot.behaviour_list()?.script;
+    // A robot without a flash keeps none.
+    let kept = match robot.built_in()?.features.has(Feature::Store) {
+        true => kept_report(robot.kept_script()?),
+        false => None,
+    };
     match (script_report(status), json) {
-        (Some(report), true) => console.json_line(&report),
-        (None, true) => console.json_line(&NoScript { script: None }),
-        (Some(report), false) => console.text(&format!("{}\n", script_line(&report))),
-        (None, false) => console.text("no script was run\n"),
+        (Some(script), true) => console.json_line(&State { script, kept }),
+        (None, true) => console.json_line(&NoScript { script: None, kept }),
+        (Some(report), false) => {
+            console.text(&format!("{}\n{}", script_line(&report), kept_line(kept)))
+        }
+        (None, false) => console.text(&format!("no script was run\n{}", kept_line(kept))),
     }
+}
+
+/// The script that is kept; none where there is none.
+fn kept_report(kept: ScriptStatus) -> Option<KeptReport> {
+    (kept.state != ScriptState::None).then(|| KeptReport {
+        script: format!("{:08x}", kept.script),
+        steps: kept.steps,
+        starts: kept.state == ScriptState::Runs,
+    })
+}
+
+fn kept_line(kept: Option<KeptReport>) -> String {
+    kept.map_or_else(String::new, |kept| {
+        format!(
+            "kept: script {} of {} steps, which {}\n",
+            kept.script,
+            kept.steps,
+            if kept.starts {
+                "starts with the mission that runs, each time that the robot does"
+            } else {
+                "starts with another mission, and not with the one that runs"
+            }
+        )
+    })
 }

@@ -95,6 +95,15 @@ pub fn board(
         return Ok(Board::Host { robot });
     }
     let board = boards::find(name).map_err(|unknown| CommandError::Usage(unknown.into()))?;
+    if board
+        .firmware
+        .is_some_and(|firmware| !firmware.is_emulated())
+    {
+        return Err(CommandError::Usage(anyhow!(
+            "no emulator has the chip of the board {name}: put the firmware onto one with `esm flash --board {name}`, \
+             and upload the mission with `esm upload`; or drive on the host with `--board host`"
+        )));
+    }
     let firmware = find_firmware_of(board, named_firmware, console)?;
     firmware::check(board, &firmware)?;
     Ok(Board::Emulated { board, firmware })

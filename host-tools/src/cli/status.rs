@@ -5,8 +5,8 @@ use std::fmt;
 use clap::Args;
 use esm_link::features::Feature;
 use esm_link::message::{
-    BankState, CrashReport, FlashHealth, KeyValuesState, ResetReason, Silent, Source, StoreStatus,
-    WayIn,
+    BankState, CoreFault, CrashReport, FlashHealth, KeyValuesState, ResetReason, Silent, Source,
+    StoreStatus, WayIn,
 };
 use esm_link::trial::{FallBack, Trial};
 use serde::Serialize;
@@ -120,6 +120,8 @@ pub struct CrashReportJson {
 /// A fault of a processor, with its registers in hexadecimal.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FaultReport {
+    /// Whether the stack was too deep for its memory: then the place is not known.
+    pub stack_overflow: bool,
     /// The instruction that faulted.
     pub pc: String,
     /// Where its function was called from.
@@ -150,6 +152,7 @@ impl CrashReportJson {
             task,
             panic: (reason == ResetReason::Panic).then(|| format!("{file}:{line}")),
             fault: (reason == ResetReason::CpuFault).then(|| FaultReport {
+                stack_overflow: fault.pc == CoreFault::STACK_OVERFLOW,
                 pc: hex(fault.pc),
                 lr: hex(fault.lr),
                 cfsr: hex(fault.status),
@@ -190,6 +193,13 @@ impl fmt::Display for CrashReportJson {
             let FaultReport {
                 pc, lr, cfsr, hfsr, ..
             } = fault;
+            if fault.stack_overflow {
+                write!(
+                    f,
+                    ": the stack was too deep for its memory; the task keeps too much on it, or \
+                     calls itself without an end"
+                )?;
+            }
             write!(f, " (pc {pc}, lr {lr}, cfsr {cfsr}, hfsr {hfsr}")?;
             if let Some(address) = &fault.address {
                 write!(f, ", address {address}")?;

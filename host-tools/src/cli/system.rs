@@ -1,8 +1,15 @@
 //! `esm system`: robots with several processors.
 
 mod check;
+mod draw;
 mod loaded;
+mod partners;
+mod recordings;
+mod replay;
 mod run;
+mod schedule;
+mod summary;
+mod then;
 
 use clap::{Args, Subcommand};
 
@@ -11,7 +18,10 @@ use super::exit::CommandError;
 use crate::host_board::RobotMaker;
 
 pub use check::CheckArgs;
+pub use draw::DrawArgs;
+pub use replay::ReplayArgs;
 pub use run::RunArgs;
+pub use schedule::ScheduleArgs;
 
 /// Robots with several processors: checks the links between their missions, and runs all at once
 ///
@@ -21,7 +31,10 @@ pub use run::RunArgs;
 #[command(after_help = "\
 Examples:
   esm system check robot.system
-  esm system run robot.system --until '60 s' --trace robot.jsonl")]
+  esm system draw robot.system -o robot.svg
+  esm system schedule robot.system
+  esm system run robot.system --until '60 s' --trace robot.jsonl
+  esm system replay robot.recs --trace again.jsonl")]
 pub struct SystemArgs {
     /// What is done with the system.
     #[command(subcommand)]
@@ -36,7 +49,10 @@ pub struct SystemArgs {
 )]
 pub enum SystemTask {
     Check(CheckArgs),
+    Draw(DrawArgs),
+    Schedule(ScheduleArgs),
     Run(RunArgs),
+    Replay(ReplayArgs),
 }
 
 /// Runs the command. `robot` is what the board `host` has.
@@ -50,6 +66,9 @@ pub fn execute(
 ) -> Result<(), CommandError> {
     match &args.task {
         SystemTask::Check(args) => check::execute(args, console),
+        SystemTask::Draw(args) => draw::execute(args, console),
+        SystemTask::Schedule(args) => schedule::execute(args, console),
         SystemTask::Run(args) => run::execute(args, robot, console),
+        SystemTask::Replay(args) => replay::execute(args, console),
     }
 }

@@ -13,6 +13,7 @@ use super::exit::CommandError;
 use super::file;
 use super::mission::{self, Audience};
 use super::robot::{self, LineArgs, Robot};
+use super::shipped_docs::with_docs;
 use super::stage;
 use crate::behaviour_words::TaskNames;
 use crate::host_board::RobotMaker;
@@ -178,7 +179,7 @@ pub fn declarations(
 pub fn ask(robot: &mut Robot, info: &RobotInfo) -> Result<(String, String), CommandError> {
     let mut text = String::new();
     for index in 0..info.task_types {
-        let declaration = robot.task_declaration(index)?;
+        let declaration = with_docs(&robot.task_declaration(index)?);
         let _ = writeln!(text, "\n{}", declaration.trim_end());
     }
     Ok((

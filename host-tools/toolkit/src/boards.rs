@@ -37,7 +37,7 @@ pub struct Firmware {
     pub target: &'static str,
     /// Name of the program that the board runs where no other is named.
     pub bin: &'static str,
-    /// The command that runs it in an emulator.
+    /// The command that runs it in an emulator; empty where no emulator has the chip.
     pub runner: &'static str,
     /// Its flash.
     pub flash: Flash,
@@ -72,6 +72,11 @@ pub struct Flashing {
 }
 
 impl Firmware {
+    /// Whether an emulator has the chip.
+    pub fn is_emulated(&self) -> bool {
+        !self.runner.is_empty()
+    }
+
     /// The emulator's name of the board, where that is QEMU.
     pub fn machine(&self) -> Option<&'static str> {
         let mut words = self.runner.split_whitespace();

@@ -9,7 +9,8 @@
 //! ```
 //!
 //! A goal may also be a place of the world, `goal 1.6,2.4 within 0.25 m`, or a number of rooms that
-//! the robot has come into, `goal 3 rooms`.
+//! the robot has come into, `goal 3 rooms`. With `script errand.script` the mission is sent that
+//! script of behaviours, which stands beside it.
 
 use std::fmt;
 use std::str::FromStr;
@@ -166,6 +167,8 @@ pub struct GoalFile {
     pub until: Time,
     /// What is to be reached by then.
     pub goal: Goal,
+    /// The file of a script that the mission is sent, beside it.
+    pub script: Option<String>,
 }
 
 /// What is wrong with a goal file.
@@ -192,8 +195,8 @@ pub enum GoalFileError {
 /// What is wrong with a line of a goal file.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum EntryError {
-    /// The line's first word is none of the three.
-    #[error("`{word}` starts no entry; a line starts with `world`, `until` or `goal`")]
+    /// The line's first word is none of the four.
+    #[error("`{word}` starts no entry; a line starts with `world`, `until`, `goal` or `script`")]
     Unknown {
         /// The word.
         word: String,
@@ -207,6 +210,9 @@ pub enum EntryError {
     /// A world is not named in one word.
     #[error("expected `world NAME`")]
     World,
+    /// A script is not named in one word.
+    #[error("expected `script FILE`")]
+    Script,
     /// The time is none.
     #[error(transparent)]
     Until(#[from] TimeError),
@@ -225,16 +231,20 @@ impl FromStr for GoalFile {
         let mut world = None;
         let mut until = None;
         let mut goal = None;
+        let mut script = None;
         for (line, text) in (1..).zip(text.lines()) {
             let entry = text.split('#').next().unwrap_or_default().trim();
             let (word, rest) = entry.split_once(char::is_whitespace).unwrap_or((entry, ""));
             let rest = rest.trim();
             let taken = match word {
                 "" => Ok(()),
-                "world" => world_name(rest).and_then(|name| put(&mut world, "world", name)),
+                "world" => (one_word(rest).ok_or(EntryError::World))
+                    .and_then(|name| put(&mut world, "world", name)),
                 "until" => end(rest).and_then(|time| put(&mut until, "until", time)),
                 "goal" => (rest.parse().map_err(EntryError::Goal))
                     .and_then(|parsed| put(&mut goal, "goal", parsed)),
+                "script" => (one_word(rest).ok_or(EntryError::Script))
+                    .and_then(|file| put(&mut script, "script", file)),
                 _ => Err(EntryError::Unknown {
                     word: word.to_owned(),
                 }),
@@ -246,6 +256,7 @@ impl FromStr for GoalFile {
             world: world.ok_or(missing("world", "world office"))?,
             until: until.ok_or(missing("until", "until 60 s"))?,
             goal: goal.ok_or(missing("goal", "goal start within 0.25 m"))?,
+            script,
         })
     }
 }
@@ -257,11 +268,9 @@ fn put<T>(place: &mut Option<T>, entry: &'static str, value: T) -> Result<(), En
     }
 }
 
-fn world_name(text: &str) -> Result<String, EntryError> {
+fn one_word(text: &str) -> Option<String> {
     let is_one_word = !text.is_empty() && !text.contains(char::is_whitespace);
-    is_one_word
-        .then(|| text.to_owned())
-        .ok_or(EntryError::World)
+    is_one_word.then(|| text.to_owned())
 }
 
 fn end(text: &str) -> Result<Time, EntryError> {
@@ -337,8 +346,14 @@ mod tests {
             world: "office".to_owned(),
             until: Time { us: 90_000_000 },
             goal: Goal::Rooms { count: 3 },
+            script: None,
         };
-        assert_eq!(text.parse(), Ok(expected));
+        assert_eq!(text.parse(), Ok(expected.clone()));
+        let scripted = GoalFile {
+            script: Some("square.script".to_owned()),
+            ..expected
+        };
+        assert_eq!(format!("{text}script square.script").parse(), Ok(scripted));
         for (text, expected) in [
             (
                 "",
@@ -358,6 +373,11 @@ mod tests {
             ),
             ("world", "line 1: expected `world NAME`"),
             ("world a b", "line 1: expected `world NAME`"),
+            ("script", "line 1: expected `script FILE`"),
+            (
+                "script a\nscript b",
+                "line 2: a second `script` line; remove one",
+            ),
             (
                 "\nuntil 60",
                 "line 2: the unit is missing: write `us`, `ms` or `s` behind the number, as in `200 ms`",
@@ -372,7 +392,7 @@ mod tests {
             ),
             (
                 "seed 1",
-                "line 1: `seed` starts no entry; a line starts with `world`, `until` or `goal`",
+                "line 1: `seed` starts no entry; a line starts with `world`, `until`, `goal` or `script`",
             ),
         ] {
             let error = text.parse::<GoalFile>().unwrap_err();

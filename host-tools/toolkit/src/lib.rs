@@ -30,12 +30,14 @@ pub mod host_run;
 pub mod inspect;
 pub mod lang;
 pub mod language_server;
+pub mod link_node;
 pub mod medium;
 pub mod mission_hash;
 pub mod model;
 pub mod nearest;
 pub mod odometry;
 pub mod parameters;
+pub mod payload;
 pub mod pictures;
 pub mod plant;
 pub mod recording;
@@ -55,6 +57,8 @@ pub mod table;
 pub mod task_page;
 #[cfg(test)]
 mod test_disk;
+#[cfg(test)]
+mod test_golden;
 pub mod timetable;
 pub mod trace;
 pub mod trace_events;

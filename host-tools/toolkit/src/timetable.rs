@@ -113,7 +113,8 @@ pub struct Timetable {
 }
 
 impl Timetable {
-    /// Takes slots that do not overlap. One without a period is left out.
+    /// Takes slots. Those of one processor do not overlap; of several, what a window is busy with
+    /// is the sum. One without a period is left out.
     pub fn new(mut slots: Vec<TimedSlot>) -> Self {
         slots.retain(|slot| slot.period_us > 0);
         let periods = || slots.iter().map(|slot| u64::from(slot.period_us));

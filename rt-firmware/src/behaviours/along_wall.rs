@@ -83,8 +83,8 @@ impl Behaviour for AlongWallLaw {
     }
 
     fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {
-        let moved =
-            (self.last.replace(scene.pose)).map_or(Pose::START, |last| last.to_local(scene.pose));
+        let pose = scene.pose();
+        let moved = (self.last.replace(pose)).map_or(Pose::START, |last| last.to_local(pose));
         self.way_m += moved.x_m;
         if self.way_m >= params.get(AlongWall::DISTANCE_M) {
             return Control::Done;

@@ -64,7 +64,7 @@ impl Behaviour for ApproachLaw {
         let Some(forward_m_per_s) = Self::speed_m_per_s(ahead_m, distance_m, most_m_per_s) else {
             return Control::Done;
         };
-        Control::Move(Self::twist(&scene.pose, forward_m_per_s))
+        Control::Move(Self::twist(&scene.pose(), forward_m_per_s))
     }
 }
 
@@ -111,11 +111,7 @@ mod tests {
         let mut ranges = Ranges::FREE;
         ranges.range_m[0] = 0.0;
         for ranges in [None, Some(&ranges)] {
-            let scene = Scene {
-                pose: Pose::START,
-                ranges,
-                period_us: 20_000,
-            };
+            let scene = Scene::at(&Pose::START, ranges, 20_000);
             let control = ApproachLaw.control(&scene, &Params::default());
             assert_eq!(control, Control::Move(Twist::STILL));
         }

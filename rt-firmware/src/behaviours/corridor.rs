@@ -16,8 +16,11 @@ const GATE_M: f32 = 0.15;
 /// A robot that looks off the corridor's direction by more than this, in radians, hears the post of
 /// an opening beside it as a wall that is a little farther …
 const TURNED_RAD: f32 = 0.1;
-/// … by more than this, in metres: then nobody knows which of the two it is.
+/// … by more than this, in metres: then nobody knows which of the two it is …
 const POST_M: f32 = 0.04;
+/// … or by this, beside an opening on the other side: nothing contradicts a post there, a robot
+/// that believes it turns towards it, and then hears it farther still.
+const POST_BESIDE_OPENING_M: f32 = 0.02;
 /// The edge of an opening is where a wall ends that was seen at right angles, to this, in radians.
 const ALONG_RAD: f32 = 0.06;
 
@@ -230,6 +233,8 @@ pub(super) struct Unseen {
     hidden_m: f32,
     /// The last ping to the side saw something else.
     is_away: bool,
+    /// It saw what is behind the wall.
+    is_open: bool,
 }
 
 impl Unseen {
@@ -238,6 +243,7 @@ impl Unseen {
         way_m: 0.0,
         hidden_m: 0.0,
         is_away: false,
+        is_open: false,
     };
 
     /// Goes on by so far, with what a ping saw meanwhile.
@@ -245,6 +251,7 @@ impl Unseen {
         self.way_m += way_m;
         self.hidden_m += way_m;
         self.is_away = look.map_or(self.is_away, |look| look.seen != Seen::Wall);
+        self.is_open = look.map_or(self.is_open, |look| look.seen == Seen::Beyond);
         match look.map(|look| look.seen) {
             None | Some(Seen::Before) => {}
             Some(Seen::Beyond | Seen::Unsure) => self.hidden_m = 0.0,
@@ -296,8 +303,9 @@ pub(super) enum Seen {
 }
 
 impl Seen {
-    /// What is farther than the wall by so much, heard by a sonar that may hear posts.
-    pub(super) fn of(error_m: f32, hears_posts: bool) -> Self {
+    /// What is farther than the wall by so much, heard by a sonar that may hear posts, from so much
+    /// on.
+    pub(super) fn of(error_m: f32, post_m: Option<f32>) -> Self {
         let is_nearer = error_m.is_sign_negative();
         if is_beyond(error_m, GATE_M) {
             if is_nearer {
@@ -305,7 +313,7 @@ impl Seen {
             } else {
                 Self::Beyond
             }
-        } else if hears_posts && !is_nearer && is_beyond(error_m, POST_M) {
+        } else if !is_nearer && post_m.is_some_and(|post_m| is_beyond(error_m, post_m)) {
             Self::Unsure
         } else {
             Self::Wall
@@ -425,8 +433,14 @@ impl Corridor {
         let (mut left, mut right) = (None, None);
         let (mut left_wall, mut right_wall) = (StandIn::default(), StandIn::default());
         // Where only one side sees its wall, nothing contradicts a post.
-        let is_alone = !(live.has(Bearing::Left) && live.has(Bearing::Right));
-        let hears_posts = is_alone || is_beyond(self.here.heading_rad, TURNED_RAD);
+        let is_blind = !(live.has(Bearing::Left) && live.has(Bearing::Right));
+        let is_open = [self.right.is_open, self.left.is_open];
+        let hears_posts = is_blind || is_beyond(self.here.heading_rad, TURNED_RAD);
+        let post_m = is_open.map(|other_is_open| match (other_is_open, hears_posts) {
+            (true, _) => Some(POST_BESIDE_OPENING_M),
+            (false, true) => Some(POST_M),
+            (false, false) => None,
+        });
         let mut turn_rad = 0.0;
         for ping in pings {
             let Some((side, part)) = looks_at(ping.bearing) else {
@@ -436,15 +450,16 @@ impl Corridor {
                 continue;
             };
             let error_m = heading.wall_m(side, part, ping.range_m) - wall_m;
-            let is_wall = Seen::of(error_m, false) == Seen::Wall;
+            let is_wall = Seen::of(error_m, None) == Seen::Wall;
             self.trust += (f32::from(u8::from(is_wall)) - self.trust) * TRUST_GAIN;
-            let (beside, look, stand_in) = match side {
-                Side::Left => (Bearing::Left, &mut left, &mut left_wall),
-                Side::Right => (Bearing::Right, &mut right, &mut right_wall),
+            let [left_post_m, right_post_m] = post_m;
+            let (beside, look, stand_in, post_m) = match side {
+                Side::Left => (Bearing::Left, &mut left, &mut left_wall, left_post_m),
+                Side::Right => (Bearing::Right, &mut right, &mut right_wall, right_post_m),
             };
             // Of most pings half ahead or behind nobody asks for this, and it takes a division.
             let seen = || Look {
-                seen: Seen::of(error_m, hears_posts && part == Part::Beside),
+                seen: Seen::of(error_m, post_m.filter(|_| part == Part::Beside)),
                 along_m: self.here.x_m - self.step_m * (ping.age_us as f32 / period_us as f32),
                 wall_m,
                 is_along: is_within(self.here.heading_rad, ALONG_RAD),
@@ -468,7 +483,7 @@ impl Corridor {
             }
         }
         self.here.heading_rad = wrapped_rad(self.here.heading_rad + turn_rad);
-        let gain = if is_alone {
+        let gain = if is_blind || is_open.contains(&true) {
             OFFSET_GAIN / 2.0
         } else {
             OFFSET_GAIN

@@ -49,7 +49,7 @@ impl Seen {
     fn new(scene: &Scene<'_>, distance_m: f32) -> Self {
         Self {
             ahead_m: scene.ranges.map_or(0.0, Ranges::ahead_m),
-            expected_m: distance_m - scene.pose.x_m,
+            expected_m: distance_m - scene.pose().x_m,
         }
     }
 
@@ -90,7 +90,7 @@ impl Behaviour for DockLaw {
         }
         // So near something else, the safety check has it wait.
         let forward_m_per_s = speed.unwrap_or(most_m_per_s);
-        Control::Move(ApproachLaw::twist(&scene.pose, forward_m_per_s))
+        Control::Move(ApproachLaw::twist(&scene.pose(), forward_m_per_s))
     }
 }
 

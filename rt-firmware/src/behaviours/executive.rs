@@ -38,9 +38,14 @@ pub struct Behaviours<R = ShippedLaws> {
     remote: Option<RemoteControl>,
     script: Script,
     landmarks: Landmarks,
+    /// Somebody watches for one.
+    looks_for_landmarks: bool,
     told: ToldList,
     /// Something was told, and not yet where the robot was.
     owes_pose: bool,
+    /// What its flags say, in the order in which they are declared: they are written where one
+    /// changes. None where nobody knows.
+    says: Option<[bool; 4]>,
 }
 
 impl<R> Default for Behaviours<R> {
@@ -50,8 +55,10 @@ impl<R> Default for Behaviours<R> {
             remote: None,
             script: Script::default(),
             landmarks: Landmarks::NONE,
+            looks_for_landmarks: false,
             told: ToldList::default(),
             owes_pose: false,
+            says: None,
         }
     }
 }
@@ -130,6 +137,10 @@ impl<R: Repertoire> Task for Behaviours<R> {
         self.forget_all();
     }
 
+    fn enter(&mut self) {
+        self.says = None;
+    }
+
     fn step(&mut self, io: &mut Io<'_>) -> Step {
         let around = Surroundings {
             pose: io.try_read(Self::POSE).copied(),
@@ -145,12 +156,13 @@ impl<R: Repertoire> Task for Behaviours<R> {
             *io.write(Self::MADE) = BehaviourList::EMPTY;
             *io.write(Self::TWIST) = Twist::STILL;
             io.set(Self::IDLE, true);
+            self.says = None;
             if command.is_some() {
                 io.answer_list_command(Answer::Refused(LinkError::NoBehaviours));
             }
             return Step::Run;
         };
-        let answer = command.map(|command| self.carry_out(&command, list, &around));
+        let answer = (command.as_ref()).map(|command| self.carry_out(command, list, &around));
         let mut came_up = Situations::new();
         let noticed = self.execute(list, &around, &mut came_up);
         for told in list.take_came_up().into_iter().flatten() {
@@ -182,10 +194,19 @@ impl<R: Repertoire> Task for Behaviours<R> {
             events.into_iter().for_each(|event| io.note(event));
             self.owes_pose = false;
         }
-        io.set(Self::IDLE, is_idle);
-        io.set(Self::NOTICED, noticed);
-        io.set(Self::REMOTE, self.remote.is_some());
-        io.set(Self::SCRIPT, self.script.is_under_way());
+        let flags = [
+            (Self::IDLE, is_idle),
+            (Self::NOTICED, noticed),
+            (Self::REMOTE, self.remote.is_some()),
+            (Self::SCRIPT, self.script.is_under_way()),
+        ];
+        let says = flags.map(|(_, is_set)| is_set);
+        if self.says != Some(says) {
+            self.says = Some(says);
+            flags
+                .into_iter()
+                .for_each(|(flag, is_set)| io.set(flag, is_set));
+        }
         Step::Run
     }
 }
@@ -212,7 +233,7 @@ impl<R: Repertoire> Behaviours<R> {
     ) -> bool {
         let remote = self.remote.take();
         self.remote = remote.filter(|remote| remote.step(list, around));
-        self.look_for_landmarks(list, around);
+        let mut has_heard = false;
         let mut noticed = false;
         for place in 0..MAX_INSERTED {
             let Some(Some(inserted)) = self.inserted.get_mut(place) else {
@@ -227,6 +248,7 @@ impl<R: Repertoire> Behaviours<R> {
                 came_up.note(key, task, situation as u8, reaction);
             }
             noticed |= reactions.flag;
+            has_heard |= inserted.has_heard();
             if reactions.end_script {
                 self.end_script(list);
             }
@@ -252,21 +274,32 @@ impl<R: Repertoire> Behaviours<R> {
             }
         }
         self.go_on(list, around);
+        self.look_for_landmarks(list, around, has_heard);
         noticed
     }
 
-    /// Looks for landmarks, as long as somebody watches for one.
-    fn look_for_landmarks(&mut self, list: &BehaviourList, around: &Surroundings<'_>) {
+    /// Looks for landmarks, as long as somebody watches for one, behind those who watch: so it can
+    /// do less where a law had much to do.
+    fn look_for_landmarks(
+        &mut self,
+        list: &BehaviourList,
+        around: &Surroundings<'_>,
+        is_busy: bool,
+    ) {
         let mut inserted = self.inserted.iter().flatten();
         if !inserted.any(Inserted::has_landmarks) {
-            self.landmarks = Landmarks::NONE;
+            // Once: they take 200 bytes.
+            if core::mem::take(&mut self.looks_for_landmarks) {
+                self.landmarks = Landmarks::NONE;
+            }
             return;
         }
+        self.looks_for_landmarks = true;
         let way_round = list.way_round;
         let mut room = None;
         let ranges = way_round.ranges(around.ranges, &mut room);
         let pose = around.pose.map(|pose| way_round.pose(pose));
-        (self.landmarks).look(pose.as_ref(), ranges, around.period_us);
+        (self.landmarks).look(pose.as_ref(), ranges, around.period_us, is_busy);
     }
 
     /// Puts the next step of the script onto the list, if it is its turn. Where there is no room,

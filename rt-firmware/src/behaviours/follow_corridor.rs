@@ -50,6 +50,8 @@ pub struct FollowCorridorLaw {
     /// It turns around to go back there, for nobody looks behind.
     turns_around: bool,
     lost_us: u32,
+    /// New pings came in the last look.
+    has_heard: bool,
 }
 
 behaviour! {
@@ -126,10 +128,11 @@ impl FollowCorridorLaw {
     fn look(&mut self, scene: &Scene<'_>, params: &Params) -> Option<Door> {
         let ranges = scene.ranges?;
         if !self.corridor.is_known() {
-            self.corridor.search(&scene.pose, ranges);
+            self.corridor.search(&scene.pose(), ranges);
             return None;
         }
-        let fresh = self.pings.fresh(ranges, scene.period_us);
+        let has_heard = &mut self.has_heard;
+        let fresh = (self.pings.fresh(ranges, scene.period_us)).inspect(|_| *has_heard = true);
         let [left, right] = (self.corridor).correct(fresh, ranges.live(), scene.period_us);
         let wanted = [
             params.get(FollowCorridor::DOORS_LEFT),
@@ -158,8 +161,13 @@ impl Behaviour for FollowCorridorLaw {
         needs
     }
 
+    fn has_heard(&self) -> bool {
+        self.has_heard
+    }
+
     fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {
-        self.corridor.go_on(&scene.pose);
+        self.has_heard = false;
+        self.corridor.go_on(&scene.pose());
         if self.goal_m.is_none() {
             // The short way back to a door's middle leads past its posts, by which a slow robot
             // would be misled: there it goes by odometry.

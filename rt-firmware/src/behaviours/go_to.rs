@@ -67,7 +67,7 @@ impl Behaviour for GoToLaw {
             y_m: params.get(GoTo::Y_M),
             heading_rad: 0.0,
         };
-        let seen = scene.pose.to_local(goal);
+        let seen = scene.pose().to_local(goal);
         let twist = Self::twist(seen.x_m, seen.y_m, params.get(GoTo::SPEED_M_PER_S));
         twist.map_or(Control::Done, Control::Move)
     }

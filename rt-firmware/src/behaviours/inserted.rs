@@ -2,7 +2,7 @@
 
 use super::landmarks::Landmarks;
 use super::list::{BehaviourList, Key};
-use super::place::{Around, Place, Turn};
+use super::place::{Around, Begins, Place, Turn};
 use super::repertoire::Repertoire;
 use super::situation::Circumstances;
 use super::watches::{Reactions, Watches};
@@ -48,7 +48,6 @@ pub(super) struct Inserted<R> {
     params: Params,
     place: Place,
     watches: Watches,
-    is_suspended: bool,
 }
 
 impl<R: Repertoire> Inserted<R> {
@@ -73,24 +72,28 @@ impl<R: Repertoire> Inserted<R> {
             At::Place(place) => list.insert_at(place, task),
         };
         let key = key.map_err(|_| LinkError::ListFull)?;
+        let centre = (law.law()).centre(list.way_round.pose(pose), &call.params);
+        let mut place = Place::at(key, centre);
+        place.is_suspended = true;
         Ok(Self {
             key,
             origin,
             task,
-            place: Place::at(
-                key,
-                (law.law()).centre(list.way_round.pose(pose), &call.params),
-            ),
+            place,
             law,
             params: call.params,
             watches: Watches::new(call.watches),
-            is_suspended: true,
         })
     }
 
     /// Whether a landmark is watched for.
     pub(super) fn has_landmarks(&self) -> bool {
         self.watches.has_landmarks()
+    }
+
+    /// Whether its law had much to do in this activation.
+    pub(super) fn has_heard(&mut self) -> bool {
+        !self.place.is_suspended && self.law.law().has_heard()
     }
 
     /// What is to be done where it has failed.
@@ -105,7 +108,7 @@ impl<R: Repertoire> Inserted<R> {
         around: &Surroundings<'_>,
         landmarks: &Landmarks,
     ) -> (Turn, Reactions) {
-        let asked = if self.is_suspended {
+        let asked = if self.place.is_suspended {
             Twist::STILL
         } else {
             self.place.asked()
@@ -125,15 +128,18 @@ impl<R: Repertoire> Inserted<R> {
         }
         self.place.bar(reactions.suspend);
         let around = Around {
-            pose: around.pose,
+            pose: around.pose.as_ref(),
             ranges: around.ranges,
             period_us: around.period_us,
             outside_m: self.params.get(self.law.outside()),
+        };
+        // It is on the list already.
+        let begins = Begins {
             at_head: false,
             task: self.task,
         };
-        let turn = (self.place).step(Some(list), &around, &self.params, self.law.law());
-        self.is_suspended = turn != Turn::Goes { suspended: false };
+        let turn = (self.place).step(list, &around, begins, &self.params, self.law.law());
+        self.place.is_suspended = turn != Turn::Goes { suspended: false };
         (turn, reactions)
     }
 }

@@ -29,8 +29,10 @@ const HEADING_GAIN: f32 = 0.1;
 const TURNED_RAD: f32 = 0.35;
 /// … and by more than this it does not see where an opening begins.
 const ALONG_RAD: f32 = 0.1;
-/// Who moves by more than this from one look to the next, in metres, was put somewhere else.
+/// Who moves by more than this within this time, in metres and in microseconds, was put somewhere
+/// else.
 const LEAP_M: f32 = 0.1;
+const LEAP_US: u32 = 100_000;
 
 /// The sonar ahead and one half ahead agree on a wall to this, in metres: 0.2 rad off its normal.
 const AHEAD_M: f32 = 0.1;
@@ -38,6 +40,13 @@ const AHEAD_M: f32 = 0.1;
 const AHEAD_PINGS: u8 = 3;
 /// The wall beside a corner was seen no longer ago than this, in metres.
 const BESIDE_WAY_M: f32 = 0.3;
+
+/// Where activations are no farther apart than this, in microseconds, each does one thing.
+const SHORT_US: u32 = 10_000;
+/// Places of what waits.
+const LEFT: usize = 0;
+const RIGHT: usize = 1;
+const AHEAD: usize = 2;
 
 /// What is beside the way on one side.
 #[derive(Clone, Copy, Debug)]
@@ -84,7 +93,7 @@ impl Flank {
             return;
         };
         let off_rad = wrapped_rad(heading_rad - self.heading_rad);
-        let seen = Seen::of(distance_m - wall_m, false);
+        let seen = Seen::of(distance_m - wall_m, None);
         let mut look = Look::new(seen, along_m, wall_m);
         look.is_along = off_rad.abs() < ALONG_RAD;
         let door = self.openings.look(&look);
@@ -128,8 +137,17 @@ impl Flank {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Landmarks {
     pings: Pings,
-    /// Where the robot was in the last look.
+    /// What was heard last to the left, to the right and ahead, and was not looked at yet. So that
+    /// no activation has all to do, each does one thing: hear what is new, go on to where the robot
+    /// is, look at what one sonar has heard.
+    waiting: [Option<Ping>; 3],
+    /// Where the robot was when it was looked at last, and how long ago that is, in microseconds.
     last: Option<Pose>,
+    since_us: u32,
+    /// It was looked at since what waits was heard.
+    has_gone_on: bool,
+    /// How fast it was until then, in metres a microsecond.
+    m_per_us: f32,
     /// Way so far, in metres, backwards less.
     along_m: f32,
     left: Flank,
@@ -144,7 +162,11 @@ impl Landmarks {
     /// Nothing was seen.
     pub(super) const NONE: Self = Self {
         pings: Pings::NONE,
+        waiting: [None; 3],
         last: None,
+        since_us: 0,
+        has_gone_on: false,
+        m_per_us: 0.0,
         along_m: 0.0,
         left: Flank::NONE,
         right: Flank::NONE,
@@ -153,38 +175,88 @@ impl Landmarks {
     };
 
     /// Looks around, once in each activation.
-    pub(super) fn look(&mut self, pose: Option<&Pose>, ranges: Option<&Ranges>, period_us: u32) {
+    /// Where others have much to do in this one, it only listens.
+    pub(super) fn look(
+        &mut self,
+        pose: Option<&Pose>,
+        ranges: Option<&Ranges>,
+        period_us: u32,
+        is_busy: bool,
+    ) {
         let (Some(pose), Some(ranges)) = (pose, ranges) else {
             (self.left.door_m, self.right.door_m) = (None, None);
             return;
         };
-        let moved = self.last.map_or(Frame::START, |last| last.to_local(*pose));
-        if moved.x_m.abs().max(moved.y_m.abs()) > LEAP_M {
-            *self = Self::NONE;
+        self.since_us = self.since_us.saturating_add(period_us);
+        for ping in self.waiting.iter_mut().flatten() {
+            ping.age_us = ping.age_us.saturating_add(period_us);
         }
+        let mut is_any_new = false;
+        for ping in self.pings.fresh(ranges, period_us) {
+            is_any_new = true;
+            let place = match looks_at(ping.bearing) {
+                Some((Side::Left, Part::Beside)) => LEFT,
+                Some((Side::Right, Part::Beside)) => RIGHT,
+                None if ping.bearing == Bearing::Ahead => AHEAD,
+                _ => continue,
+            };
+            if let Some(waiting) = self.waiting.get_mut(place) {
+                *waiting = Some(ping);
+            }
+        }
+        (self.left.door_m, self.right.door_m) = (None, None);
+        // Slots that are farther apart have time for all of it.
+        let is_at_once = period_us > SHORT_US;
+        self.has_gone_on &= !is_any_new;
+        if ((is_any_new || is_busy) && !is_at_once) || self.waiting.iter().all(Option::is_none) {
+            return;
+        }
+        if !self.has_gone_on {
+            self.go_on(pose, period_us);
+            if !is_at_once {
+                return;
+            }
+        }
+        for place in [LEFT, RIGHT, AHEAD] {
+            let waiting = self.waiting.get_mut(place).and_then(Option::take);
+            let Some(ping) = waiting else { continue };
+            self.hear(place, &ping, pose, ranges);
+            if !is_at_once {
+                return;
+            }
+        }
+    }
+
+    /// Goes on to where the robot is now.
+    fn go_on(&mut self, pose: &Pose, period_us: u32) {
+        let moved = self.last.map_or(Frame::START, |last| last.to_local(*pose));
+        let since_us = core::mem::take(&mut self.since_us).max(period_us);
+        if moved.x_m.abs().max(moved.y_m.abs()) > LEAP_M && since_us <= LEAP_US {
+            let waiting = self.waiting;
+            *self = Self {
+                waiting,
+                ..Self::NONE
+            };
+        }
+        self.has_gone_on = true;
         self.last = Some(*pose);
+        self.m_per_us = moved.x_m / since_us as f32;
         self.along_m += moved.x_m;
         self.left.go_on(moved.x_m, pose.heading_rad);
         self.right.go_on(moved.x_m, pose.heading_rad);
-        let mut ahead = None;
-        for ping in self.pings.fresh(ranges, period_us) {
-            let flank = match looks_at(ping.bearing) {
-                Some((Side::Left, Part::Beside)) => &mut self.left,
-                Some((Side::Right, Part::Beside)) => &mut self.right,
-                None if ping.bearing == Bearing::Ahead => {
-                    ahead = Some(ping);
-                    continue;
-                }
-                _ => continue,
-            };
-            // As fast as in this look, the robot was so far back at the ping.
-            let periods = ping.age_us as f32 / period_us as f32;
-            let along_m = self.along_m - moved.x_m * periods;
-            flank.hear(ping.range_m + RIM_M, along_m, pose.heading_rad);
-        }
-        if let Some(ping) = ahead {
-            self.look_ahead(&ping, ranges);
-        }
+    }
+
+    /// Looks at what a sonar has heard.
+    fn hear(&mut self, place: usize, ping: &Ping, pose: &Pose, ranges: &Ranges) {
+        let flank = match place {
+            LEFT => &mut self.left,
+            RIGHT => &mut self.right,
+            _ => return self.look_ahead(ping, ranges),
+        };
+        // As fast as on the last piece of the way, the robot was so far back at the ping.
+        let before_us = ping.age_us.saturating_sub(self.since_us);
+        let along_m = self.along_m - self.m_per_us * before_us as f32;
+        flank.hear(ping.range_m + RIM_M, along_m, pose.heading_rad);
     }
 
     fn look_ahead(&mut self, ping: &Ping, ranges: &Ranges) {
@@ -295,7 +367,7 @@ mod tests {
                     heading_rad: if x_m > 0.6 { turned_rad } else { 0.0 },
                     ..Pose::START
                 };
-                landmarks.look(Some(&pose), Some(&self.ranges(x_m, step)), PERIOD_US);
+                landmarks.look(Some(&pose), Some(&self.ranges(x_m, step)), PERIOD_US, false);
                 let door = landmarks.door_m(Side::Left);
                 doors.extend(door.map(|width_m| (x_m, width_m)));
                 assert_eq!(landmarks.door_m(Side::Right), None);

@@ -34,6 +34,17 @@ pub enum Cause {
 }
 
 impl LifeState {
+    /// The state of this number; one that is none is over.
+    pub(super) const fn of_number(number: u8) -> Self {
+        match number {
+            0 => Self::Initial,
+            1 => Self::Execute,
+            2 => Self::Suspend,
+            3 => Self::Resume,
+            _ => Self::Destroy,
+        }
+    }
+
     /// The state after this cause; none where the cause changes nothing in this state.
     pub const fn after(self, cause: Cause) -> Option<Self> {
         match (self, cause) {

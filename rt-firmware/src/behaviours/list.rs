@@ -60,17 +60,78 @@ const CAME_UP: usize = 1;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ListFull;
 
+/// A state, and what keeps a behaviour from executing, in one byte: each task state of a behaviour
+/// has room for two lists.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Life(u8);
+
+impl Life {
+    const STATE: u8 = 0b111;
+    /// It was suspended by hand.
+    const HELD: u8 = 0b1000;
+    /// A situation keeps it from executing for one look more, of up to [`BARRED_LOOKS`].
+    const BARRED_LOOK: u8 = 0b1_0000;
+    /// It executes, and nothing keeps it from that.
+    const GOES_ON: Self = Self(LifeState::Execute as u8);
+
+    const fn state(self) -> LifeState {
+        LifeState::of_number(self.0 & Self::STATE)
+    }
+
+    fn set_state(&mut self, state: LifeState) {
+        self.0 = self.0 & !Self::STATE | state as u8;
+    }
+
+    const fn is_held(self) -> bool {
+        self.0 & Self::HELD != 0
+    }
+
+    fn hold(&mut self, is_held: bool) {
+        self.0 = self.0 & !Self::HELD | if is_held { Self::HELD } else { 0 };
+    }
+
+    const fn is_barred(self) -> bool {
+        self.0 >= Self::BARRED_LOOK
+    }
+
+    fn bar(&mut self) {
+        self.0 = self.0 % Self::BARRED_LOOK + Self::BARRED_LOOK * BARRED_LOOKS;
+    }
+
+    /// One look less is to come.
+    fn was_looked_at(&mut self) {
+        self.0 -= Self::BARRED_LOOK;
+    }
+
+    /// By hand, or by a situation.
+    const fn is_kept(self) -> bool {
+        self.0 > Self::STATE
+    }
+}
+
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Entry {
     key: Key,
     /// The lower half of its task's signature hash.
     task: u16,
-    state: LifeState,
+    life: Life,
     unseen: u8,
-    /// It was suspended by hand.
-    is_held: bool,
-    /// A situation keeps it from executing, for so many looks more.
-    barred: u8,
+}
+
+impl Entry {
+    /// At the head, it executes, as before, and nothing keeps it from that.
+    fn goes_on(&self) -> bool {
+        self.life == Life::GOES_ON
+    }
+
+    /// It has not shown itself for so long, or it is IDLE and nobody is behind it.
+    fn is_gone(&self, is_alone: bool) -> bool {
+        if self.key == Key::IDLE {
+            is_alone
+        } else {
+            self.unseen > UNSEEN_LOOKS
+        }
+    }
 }
 
 /// The behaviours of a robot, in the order in which they execute. The head does; the others wait.
@@ -81,6 +142,8 @@ struct Entry {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BehaviourList {
     entries: [Entry; PLACES],
+    /// The head is a behaviour that goes on, and not IDLE. Found out where something changes.
+    head_goes_on: bool,
     len: u8,
     last_key: u16,
     /// What the behaviour that executes has asked for, in this look or in the last one.
@@ -91,6 +154,8 @@ pub struct BehaviourList {
     came_up: [Option<CameUp>; CAME_UP],
     /// Which way round the robot drives, whoever executes.
     pub(super) way_round: WayRound,
+    /// Goes on whenever somebody comes, leaves, or goes on in another state.
+    changes: u8,
 }
 
 impl BehaviourList {
@@ -99,17 +164,17 @@ impl BehaviourList {
         entries: [Entry {
             key: Key::IDLE,
             task: 0,
-            state: LifeState::Initial,
+            life: Life(LifeState::Initial as u8),
             unseen: 0,
-            is_held: false,
-            barred: 0,
         }; PLACES],
+        head_goes_on: false,
         len: 0,
         last_key: 0,
         asked: Twist::STILL,
         is_new: false,
         came_up: [None; CAME_UP],
         way_round: WayRound::FORWARDS,
+        changes: 0,
     };
 
     fn present(&self) -> &[Entry] {
@@ -147,7 +212,7 @@ impl BehaviourList {
     /// The state of a behaviour; none where it is not on the list.
     pub fn state(&self, key: Key) -> Option<LifeState> {
         let place = self.place(key)?;
-        self.present().get(place).map(|entry| entry.state)
+        self.present().get(place).map(|entry| entry.life.state())
     }
 
     /// Puts a new behaviour behind all others. The lower half of its task's signature hash names
@@ -218,14 +283,15 @@ impl BehaviourList {
         let Some(entry) = place.and_then(|place| self.present_mut().get_mut(place)) else {
             return false;
         };
-        entry.is_held = is_held;
+        entry.life.hold(is_held);
+        self.find_who_goes_on();
         true
     }
 
     /// Whether a behaviour was suspended by hand.
     pub fn is_held(&self, key: Key) -> bool {
         let entry = self.place(key).and_then(|place| self.present().get(place));
-        entry.is_some_and(|entry| entry.is_held)
+        entry.is_some_and(|entry| entry.life.is_held())
     }
 
     /// A situation has come up that keeps a behaviour from executing: IDLE does in its place, once
@@ -233,14 +299,15 @@ impl BehaviourList {
     pub(super) fn bar(&mut self, key: Key) {
         let place = self.place(key).filter(|_| key != Key::IDLE);
         if let Some(entry) = place.and_then(|place| self.present_mut().get_mut(place)) {
-            entry.barred = BARRED_LOOKS;
+            entry.life.bar();
         }
+        self.find_who_goes_on();
     }
 
     /// Whether a situation keeps a behaviour from executing.
     pub(super) fn is_barred(&self, key: Key) -> bool {
         let entry = self.place(key).and_then(|place| self.present().get(place));
-        entry.is_some_and(|entry| entry.barred > 0)
+        entry.is_some_and(|entry| entry.life.is_barred())
     }
 
     /// The behaviour whose turn it is, whether it executes or IDLE does in its place. None while
@@ -254,16 +321,52 @@ impl BehaviourList {
             .map(|entry| entry.key)
     }
 
+    /// A behaviour shows that it is there, if it executes, and may go on. False changes nothing:
+    /// then [`see`](Self::see) and [`dispatch`](Self::dispatch) find out how it is. So a behaviour
+    /// that goes on takes part in the list with one look.
+    #[inline(always)]
+    pub(super) fn goes_on(&mut self, key: Key) -> bool {
+        let goes_on = self.head_goes_on;
+        let head = self.entries.first_mut().filter(|_| goes_on);
+        match head.filter(|head| head.key == key) {
+            Some(head) => {
+                head.unseen = 0;
+                true
+            }
+            None => false,
+        }
+    }
+
+    fn find_who_goes_on(&mut self) {
+        let head = self.present().first();
+        self.head_goes_on = head.is_some_and(|head| head.goes_on() && head.key != Key::IDLE);
+    }
+
+    /// A number that is another one when somebody has come, left, or gone on in another state.
+    pub(super) fn changes(&self) -> u8 {
+        self.changes
+    }
+
     /// Lets the head execute, or IDLE before it where it is held or barred. Others never do.
+    #[inline(always)]
     pub fn dispatch(&mut self) {
-        let is_kept = |head: &Entry| head.is_held || head.barred > 0;
-        if self.present().first().is_some_and(is_kept) {
+        if !self.head_goes_on {
+            self.dispatch_another();
+        }
+    }
+
+    #[inline(never)]
+    fn dispatch_another(&mut self) {
+        let head = self.present().first();
+        if head.is_some_and(|head| head.life.is_kept()) {
             self.idle();
         }
         if let Some(head) = self.present_mut().first_mut()
-            && let Some(state) = head.state.after(Cause::Dispatch)
+            && let Some(state) = head.life.state().after(Cause::Dispatch)
         {
-            head.state = state;
+            head.life.set_state(state);
+            self.changes = self.changes.wrapping_add(1);
+            self.find_who_goes_on();
         }
     }
 
@@ -280,6 +383,8 @@ impl BehaviourList {
             }
         }
         self.len -= 1;
+        self.changes = self.changes.wrapping_add(1);
+        self.find_who_goes_on();
         true
     }
 
@@ -295,24 +400,36 @@ impl BehaviourList {
     /// Takes off those that have not shown themselves in [`UNSEEN_LOOKS`] looks, IDLE if nobody is
     /// behind it, and lets the head execute.
     pub fn look(&mut self) {
-        // From the end on: what is taken off moves only those that have been looked at.
-        for place in (0..PLACES).rev() {
-            let Some(entry) = self.present_mut().get_mut(place) else {
-                continue;
-            };
-            let key = entry.key;
-            entry.barred = entry.barred.saturating_sub(1);
-            let is_gone = if key == Key::IDLE {
-                self.len == 1
-            } else {
-                entry.unseen += 1;
-                entry.unseen > UNSEEN_LOOKS
-            };
-            if is_gone {
-                self.end(key);
+        let is_alone = self.len == 1;
+        let mut is_anybody_gone = false;
+        let mut was_barred = false;
+        for entry in self.present_mut() {
+            if entry.life.is_barred() {
+                entry.life.was_looked_at();
+                was_barred = true;
             }
+            entry.unseen = entry.unseen.saturating_add(1);
+            is_anybody_gone |= entry.is_gone(is_alone);
+        }
+        if was_barred {
+            self.find_who_goes_on();
+        }
+        if is_anybody_gone {
+            self.take_off_who_is_gone();
         }
         self.dispatch();
+    }
+
+    #[inline(never)]
+    fn take_off_who_is_gone(&mut self) {
+        // From the end on: what is taken off moves only those that have been looked at.
+        for place in (0..self.len()).rev() {
+            let is_alone = self.len == 1;
+            let entry = self.present().get(place);
+            if let Some(entry) = entry.filter(|entry| entry.is_gone(is_alone)) {
+                self.end(entry.key);
+            }
+        }
     }
 
     /// A situation came up beside a behaviour.
@@ -353,7 +470,10 @@ impl BehaviourList {
 
     /// What stands on the list, the head first: key, task, state, and whether it is held.
     pub fn entries(&self) -> impl Iterator<Item = (Key, u16, LifeState, bool)> {
-        (self.present().iter()).map(|entry| (entry.key, entry.task, entry.state, entry.is_held))
+        self.present().iter().map(|entry| {
+            let life = entry.life;
+            (entry.key, entry.task, life.state(), life.is_held())
+        })
     }
 
     fn room_for_one(&mut self) -> Result<Key, ListFull> {
@@ -374,6 +494,7 @@ impl BehaviourList {
 
     fn put_in(&mut self, place: usize, key: Key, task: u16) {
         self.len += 1;
+        self.changes = self.changes.wrapping_add(1);
         let mut moved = Entry {
             key,
             task,
@@ -384,6 +505,7 @@ impl BehaviourList {
                 core::mem::swap(entry, &mut moved);
             }
         }
+        self.find_who_goes_on();
     }
 
     fn put(&mut self, place: usize, entry: Entry) {
@@ -395,10 +517,11 @@ impl BehaviourList {
     fn interrupt_head(&mut self) {
         if let Some(head) = self.present_mut().first_mut() {
             for cause in [Cause::Interrupt, Cause::Requeue] {
-                if let Some(state) = head.state.after(cause) {
-                    head.state = state;
+                if let Some(state) = head.life.state().after(cause) {
+                    head.life.set_state(state);
                 }
             }
+            self.changes = self.changes.wrapping_add(1);
         }
     }
 }
@@ -416,7 +539,7 @@ impl PortType for BehaviourList {
         let mut tasks = [0; PLACES];
         let rows = keys.iter_mut().zip(&mut states).zip(&mut tasks);
         for (entry, ((key, state), task)) in self.present().iter().zip(rows) {
-            (*key, *state, *task) = (entry.key.0, entry.state as u8, entry.task);
+            (*key, *state, *task) = (entry.key.0, entry.life.state() as u8, entry.task);
         }
         self.len.show(show);
         keys.show(show);
@@ -507,9 +630,9 @@ mod tests {
     #[test]
     fn a_list_is_as_small_as_the_book_says() {
         let bytes = if cfg!(feature = "all-behaviours") {
-            104
+            88
         } else {
-            92
+            76
         };
         assert_eq!(size_of::<BehaviourList>(), bytes);
     }
@@ -518,7 +641,7 @@ mod tests {
         /// Whatever is done to a list, in any order: its keys differ, it is never overfull, and
         /// only the head executes.
         #[test]
-        fn only_the_head_executes(ops in prop::collection::vec((0_u8..6, 0_usize..PLACES), 0..60)) {
+        fn only_the_head_executes(ops in prop::collection::vec((0_u8..9, 0_usize..PLACES), 0..60)) {
             let mut list = BehaviourList::EMPTY;
             for (op, at) in ops {
                 let key = list.present().get(at).map(|entry| entry.key);
@@ -528,14 +651,24 @@ mod tests {
                     (2, _) => list.idle(),
                     (3, _) => list.look(),
                     (4, Some(key)) => drop(list.end(key)),
+                    (5, Some(key)) => drop(list.hold(key, at % 2 == 0)),
+                    (6, Some(key)) => list.bar(key),
+                    (7, _) => list.dispatch(),
                     (_, Some(key)) => list.see(key),
                     (_, None) => {}
                 }
                 prop_assert!(list.len() <= PLACES);
+                let head = list.present().first().copied();
+                let goes_on = head.filter(|head| head.goes_on() && head.key != Key::IDLE);
+                for key in list.present().iter().map(|entry| entry.key).chain([Key::IDLE]) {
+                    let is_going_on = goes_on.is_some_and(|head| head.key == key);
+                    prop_assert_eq!(list.clone().goes_on(key), is_going_on);
+                }
                 for (place, entry) in list.present().iter().enumerate() {
                     prop_assert_eq!(list.place(entry.key), Some(place));
-                    prop_assert!(place == 0 || entry.state != LifeState::Execute);
-                    prop_assert!(!matches!(entry.state, LifeState::Suspend | LifeState::Destroy));
+                    let state = entry.life.state();
+                    prop_assert!(place == 0 || state != LifeState::Execute);
+                    prop_assert!(!matches!(state, LifeState::Suspend | LifeState::Destroy));
                 }
             }
         }

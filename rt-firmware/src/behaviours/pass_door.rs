@@ -344,10 +344,11 @@ impl PassDoorLaw {
 
 impl Behaviour for PassDoorLaw {
     fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {
-        match self.last.replace(scene.pose) {
-            None => self.here = scene.pose,
+        let pose = scene.pose();
+        match self.last.replace(pose) {
+            None => self.here = pose,
             Some(last) => {
-                let moved = last.to_local(scene.pose);
+                let moved = last.to_local(pose);
                 (self.here, self.step_m) = (self.here.compose(moved), moved.x_m);
             }
         }

@@ -2,7 +2,9 @@
 
 use super::law::Behaviour;
 use super::list::BehaviourList;
-use super::place::{Around, Place, Turn};
+use super::place::{Around, Begins, Place, Turn};
+use crate::declaration::Params;
+use crate::features::SPEED;
 use crate::ports::Io;
 use crate::task::{OptIn, OptInOut, OutFlag, Param, Step};
 use crate::tasks::{Pose, Ranges};
@@ -32,6 +34,7 @@ pub struct Ports {
 #[derive(Debug, Default)]
 pub struct Runner<B> {
     law: B,
+    /// It remembers what the flag `suspended` says, which is written where that changes.
     place: Place,
 }
 
@@ -45,37 +48,82 @@ impl<B: Behaviour + Default> Runner<B> {
     pub fn enter(&mut self) {
         self.law = B::default();
         self.place.begin_anew();
+        self.place.is_suspended = false;
     }
 
     /// Takes part in the list, and in its turn says how to move.
+    #[cfg_attr(feature = "speed", inline(always))]
     pub fn step(&mut self, io: &mut Io<'_>, ports: &Ports) -> Step {
-        step(&mut self.place, io, ports, &mut self.law)
+        let params = io.params();
+        let around = Around {
+            pose: io.try_read(ports.pose),
+            ranges: io.try_read(ports.ranges),
+            period_us: io.period_us(),
+            outside_m: params.get(ports.outside_m),
+        };
+        // Most steps are no more than this, for each law by itself: what follows is there once for
+        // all laws.
+        if SPEED
+            && !self.place.is_suspended
+            && let Some(list) = io.try_update(ports.list)
+        {
+            let turn = (self.place).go_on(list, &around, &params, &mut self.law);
+            match turn {
+                Some(Turn::Goes { suspended: false }) => return Step::Run,
+                Some(turn) => return become_of(turn, &mut self.place, io, ports),
+                None => {}
+            }
+        }
+        let Self { law, place } = self;
+        step(place, io, ports, &around, &params, law)
     }
 }
 
-// Apart from the law, so that it is there once for all laws.
-fn step(place: &mut Place, io: &mut Io<'_>, ports: &Ports, law: &mut dyn Behaviour) -> Step {
-    let params = io.params();
-    let around = Around {
-        pose: io.try_read(ports.pose).copied(),
-        ranges: io.try_read(ports.ranges),
-        period_us: io.period_us(),
-        outside_m: params.get(ports.outside_m),
-        at_head: params.get(ports.at_head),
-        task: ports.task,
-    };
-    match place.step(io.try_update(ports.list), &around, &params, law) {
-        Turn::NotYet => Step::Run,
-        Turn::Goes { suspended } => {
-            io.set(ports.suspended, suspended);
-            Step::Run
+/// Takes part in the list, whatever is to be found out.
+#[inline(never)]
+fn step(
+    place: &mut Place,
+    io: &mut Io<'_>,
+    ports: &Ports,
+    around: &Around<'_>,
+    params: &Params,
+    law: &mut dyn Behaviour,
+) -> Step {
+    let turn = match io.try_update(ports.list) {
+        Some(list) => {
+            let begins = Begins {
+                at_head: params.get(ports.at_head),
+                task: ports.task,
+            };
+            // Where this is made for speed, it is known that it does not go on as before.
+            if SPEED && !place.is_suspended {
+                place.take_part(list, around, begins, params, law)
+            } else {
+                place.step(list, around, begins, params, law)
+            }
         }
+        None => place.without_list(),
+    };
+    become_of(turn, place, io, ports)
+}
+
+/// Says what became of it in this step.
+#[inline(never)]
+fn become_of(turn: Turn, place: &mut Place, io: &mut Io<'_>, ports: &Ports) -> Step {
+    let suspended = match turn {
+        Turn::NotYet => return Step::Run,
+        Turn::Goes { suspended } => suspended,
         Turn::Ends { failed } => {
             io.set(ports.suspended, false);
             io.set(ports.failed, failed);
-            Step::Finished
+            return Step::Finished;
         }
+    };
+    if suspended != place.is_suspended {
+        place.is_suspended = suspended;
+        io.set(ports.suspended, suspended);
     }
+    Step::Run
 }
 
 #[cfg(test)]

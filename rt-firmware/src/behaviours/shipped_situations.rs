@@ -61,7 +61,7 @@ impl<const KIND: u8> Situation for LandmarkWatcher<KIND> {
     fn look(&mut self, seen: &Circumstances<'_>, params: &Params) -> bool {
         self.lookout.set(params.get(VALUE));
         let (pose, ranges) = (seen.pose.as_ref(), seen.ranges);
-        self.landmarks.look(pose, ranges, seen.period_us);
+        self.landmarks.look(pose, ranges, seen.period_us, false);
         self.lookout.look(seen, &self.landmarks, true)
     }
 

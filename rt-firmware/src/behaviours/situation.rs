@@ -7,7 +7,7 @@
 //! 3.2.
 
 use crate::declaration::Params;
-use crate::tasks::{Bearing, Pose, Ranges, Twist};
+use crate::tasks::{Bearing, Bearings, Pose, Ranges, Twist};
 use esm_link::black_box::OWN_SITUATION;
 
 /// What a situation is looked for in.
@@ -37,7 +37,7 @@ pub trait Situation: Send {
 }
 
 /// Whether a place is farther than `radius_m` metres from the centre of its frame: OUTSIDE_RANGE.
-pub(super) fn is_outside(pose: &Pose, radius_m: f32) -> bool {
+pub fn is_outside(pose: &Pose, radius_m: f32) -> bool {
     pose.x_m * pose.x_m + pose.y_m * pose.y_m > radius_m * radius_m
 }
 
@@ -83,22 +83,69 @@ impl SafetyCheck {
 
     /// Whether the way is free where so much is to be left when the robot has stopped, in metres.
     pub fn is_free_but(clearance_m: f32, twist: &Twist, ranges: Option<&Ranges>) -> bool {
-        let ways = if twist.forward_m_per_s > 0.0 {
-            [Bearing::Ahead, Bearing::AheadLeft, Bearing::AheadRight]
-        } else if twist.forward_m_per_s < 0.0 {
-            [Bearing::Behind, Bearing::BehindLeft, Bearing::BehindRight]
+        let mut stop_distance = StopDistance::UNKNOWN;
+        stop_distance.is_free(clearance_m, twist, ranges)
+    }
+}
+
+/// Whether a number is above 0, by its bits: a comparison takes a core without a floating-point
+/// unit twenty instructions.
+pub(super) const fn is_positive(number: f32) -> bool {
+    number.to_bits() as i32 > 0
+}
+
+/// The way that must be free for a movement, kept as long as that stays the same.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct StopDistance {
+    /// What it is of: bits of the speed ahead and of the clearance.
+    of: [u32; 2],
+    /// Straight on, in metres.
+    straight_m: f32,
+    /// Half left and half right of the way, in metres.
+    diagonal_m: f32,
+}
+
+impl StopDistance {
+    /// That of a robot that does not drive, which no movement asks for.
+    pub const UNKNOWN: Self = Self {
+        of: [0; 2],
+        straight_m: 0.0,
+        diagonal_m: 0.0,
+    };
+
+    /// Whether the way of a movement is free where so much is to be left when the robot has
+    /// stopped, in metres.
+    pub fn is_free(&mut self, clearance_m: f32, twist: &Twist, ranges: Option<&Ranges>) -> bool {
+        const AHEAD: [Bearings; 2] = [
+            Bearings::of(&[Bearing::Ahead]),
+            Bearings::of(&[Bearing::AheadLeft, Bearing::AheadRight]),
+        ];
+        const BEHIND: [Bearings; 2] = [
+            Bearings::of(&[Bearing::Behind]),
+            Bearings::of(&[Bearing::BehindLeft, Bearing::BehindRight]),
+        ];
+        let speed_m_per_s = twist.forward_m_per_s;
+        let [straight, diagonals] = if is_positive(speed_m_per_s) {
+            AHEAD
+        } else if is_positive(-speed_m_per_s) {
+            BEHIND
         } else {
             return true;
         };
-        let stop_m = clearance_m + Self::way_to_stop_m(twist.forward_m_per_s);
-        let [straight, diagonals @ ..] = ways;
+        let Some(ranges) = ranges else {
+            return false;
+        };
+        let of = [speed_m_per_s, clearance_m].map(f32::to_bits);
+        if self.of != of {
+            let straight_m = clearance_m + SafetyCheck::way_to_stop_m(speed_m_per_s);
+            *self = Self {
+                of,
+                straight_m,
+                diagonal_m: straight_m * SafetyCheck::DIAGONAL_PART,
+            };
+        }
         // A direction in which no sonar looks is nobody's fault, but straight on.
-        ranges.is_some_and(|ranges| {
-            ranges.free_m(straight) > stop_m
-                && diagonals
-                    .iter()
-                    .all(|way| ranges.free_unless_seen_m(*way) > stop_m * Self::DIAGONAL_PART)
-        })
+        ranges.is_free((straight, self.straight_m), (diagonals, self.diagonal_m))
     }
 }
 

@@ -20,7 +20,11 @@ struct Told {
 
 /// The list as it was told of last.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct ToldList([Option<Told>; MAX_BEHAVIOURS + 1]);
+pub(super) struct ToldList {
+    told: [Option<Told>; MAX_BEHAVIOURS + 1],
+    /// [`BehaviourList::changes`] where all of it was told.
+    changes: Option<u8>,
+}
 
 impl ToldList {
     /// Nobody is on it: another mission begins.
@@ -30,15 +34,18 @@ impl ToldList {
 
     /// The lower half of the signature hash of a behaviour's task, if it was told of.
     pub(super) fn task(&self, key: Key) -> Option<u16> {
-        let mut known = self.0.iter().flatten();
+        let mut known = self.told.iter().flatten();
         known.find(|told| told.key == key).map(|told| told.task)
     }
 
     /// What has changed, and counts as told from now on.
     pub(super) fn changes(&mut self, list: &BehaviourList) -> Vec<Event, MAX_CHANGES> {
         let mut changes = Vec::new();
+        if self.changes == Some(list.changes()) {
+            return changes;
+        }
         // First who has left, then who goes on in another state, then who is new.
-        for place in &mut self.0 {
+        for place in &mut self.told {
             if let Some(told) = place
                 && list.state(told.key).is_none()
                 && changes.push(event(told, Some(told.state), None)).is_ok()
@@ -46,7 +53,7 @@ impl ToldList {
                 *place = None;
             }
         }
-        for told in self.0.iter_mut().flatten() {
+        for told in self.told.iter_mut().flatten() {
             if let Some(state) = list.state(told.key).map(|state| state as u8)
                 && state != told.state
                 && changes
@@ -57,8 +64,8 @@ impl ToldList {
             }
         }
         for (key, task, state, _) in list.entries() {
-            let is_known = self.0.iter().flatten().any(|told| told.key == key);
-            let room = self.0.iter_mut().find(|place| place.is_none());
+            let is_known = self.told.iter().flatten().any(|told| told.key == key);
+            let room = self.told.iter_mut().find(|place| place.is_none());
             let told = Told {
                 key,
                 task,
@@ -70,6 +77,8 @@ impl ToldList {
                 *room = Some(told);
             }
         }
+        // Where there was no room for more, the next activation looks again.
+        self.changes = (changes.len() < MAX_CHANGES).then_some(list.changes());
         changes
     }
 }

@@ -44,7 +44,7 @@ impl Behaviour for TurnToLaw {
     }
 
     fn control(&mut self, scene: &Scene<'_>, params: &Params) -> Control {
-        match rate_rad_per_s(scene.pose.heading_rad) {
+        match rate_rad_per_s(scene.pose().heading_rad) {
             None => Control::Done,
             Some(turn_rad_per_s) => Control::Move(Twist {
                 forward_m_per_s: params.get(TurnTo::SPEED_M_PER_S),

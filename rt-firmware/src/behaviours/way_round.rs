@@ -37,8 +37,9 @@ impl WayRound {
     );
 
     /// Whether the back is ahead.
-    pub fn is_reversed(self) -> bool {
-        self.0.iter().any(|turned| turned.is_reversed)
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub fn is_reversed(&self) -> bool {
+        self.0.first().is_some_and(|turned| turned.is_reversed)
     }
 
     /// The robot's pose, as its laws see it.
@@ -64,7 +65,8 @@ impl WayRound {
     }
 
     /// How the robot is to move for what its laws say.
-    pub fn twist(self, twist: Twist) -> Twist {
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub fn twist(&self, twist: Twist) -> Twist {
         if self.is_reversed() {
             Twist {
                 forward_m_per_s: -twist.forward_m_per_s,
@@ -73,6 +75,14 @@ impl WayRound {
         } else {
             twist
         }
+    }
+
+    /// Whether there is nothing to find out: the front is ahead, and all sonars hear.
+    #[inline(always)]
+    pub fn is_settled(&self, ranges: Option<&Ranges>) -> bool {
+        let is_usual = |turned: &Turned| !turned.is_reversed && turned.to_rad.is_none();
+        self.0.first().is_none_or(is_usual)
+            && ranges.is_none_or(|ranges| ranges.dead | ranges.deaf == 0)
     }
 
     /// Whether the robot is to turn around, or does so. `ranges` are as the laws see them. `needs`
@@ -97,7 +107,7 @@ impl WayRound {
         ranges: Option<&Ranges>,
         needs: impl Fn() -> Option<Bearings>,
     ) -> Option<Twist> {
-        if !self.is_to_change(ranges, needs) {
+        if self.is_settled(ranges) || !self.is_to_change(ranges, needs) {
             return None;
         }
         let turned = self.0.first_mut()?;

@@ -76,8 +76,59 @@ impl<B: I2c> YawGyro<B> {
 
 #[cfg(test)]
 mod tests {
+    use embedded_hal::i2c::{ErrorKind, NoAcknowledgeSource};
+    use embedded_hal_mock::eh1::i2c::{Mock, Transaction};
+
     use super::*;
     use crate::body::{PinImage, Sensors};
+
+    /// Bosch Sensortec, BST-BMI160-DS000, sections 2.11 and 3.2.1: address with SDO at ground, and
+    /// registers. A read is the register, a repeated start, and the bytes.
+    const AT: u8 = 0x68;
+    const CHIP_ID: u8 = 0x00;
+    const GYRO_X: u8 = 0x0C;
+    const RANGE: u8 = 0x43;
+    const COMMAND: u8 = 0x7E;
+
+    /// What a driver does on a bus where this is to happen.
+    fn on<T>(expected: &[Transaction], act: impl FnOnce(&mut YawGyro<Mock>) -> T) -> T {
+        let mut bus = Mock::new(expected);
+        let done = act(&mut YawGyro::new(bus.clone()));
+        bus.done();
+        done
+    }
+
+    #[test]
+    fn it_is_asked_who_it_is_set_to_250_degrees_a_second_and_woken() {
+        let expected = [
+            Transaction::write_read(AT, [CHIP_ID].into(), [0xD1].into()),
+            Transaction::write(AT, [RANGE, 0b011].into()),
+            Transaction::write(AT, [COMMAND, 0x15].into()),
+        ];
+        assert_eq!(on(&expected, YawGyro::wake), Ok(()));
+    }
+
+    #[test]
+    fn a_reading_is_one_transaction_of_nine_bytes_and_tells_the_rate_about_z() {
+        // Address, register, address, and three rates of two bytes, the lower one first: 9 bytes,
+        // 0.2 ms at 400 kHz.
+        for (z, counts) in [([0x20, 0x05], 1_312), ([0x00, 0x80], -32_768)] {
+            let rates = [1, 2, 3, 4, z[0], z[1]];
+            let expected = [Transaction::write_read(AT, [GYRO_X].into(), rates.into())];
+            assert_eq!(on(&expected, YawGyro::counts), Ok(counts));
+        }
+    }
+
+    #[test]
+    fn nobody_or_another_chip_is_told() {
+        let read = |id: u8| Transaction::write_read(AT, [CHIP_ID].into(), [id].into());
+        // An MPU-6050 has the same address.
+        let other = on(&[read(0x68)], YawGyro::wake);
+        assert_eq!(other, Err(GyroError::OtherChip { id: 0x68 }));
+        let nobody = ErrorKind::NoAcknowledge(NoAcknowledgeSource::Address);
+        let none = on(&[read(0).with_error(nobody)], YawGyro::wake);
+        assert_eq!(none, Err(GyroError::Bus));
+    }
 
     #[test]
     fn what_the_plant_counts_is_a_rate() {

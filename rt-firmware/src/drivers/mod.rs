@@ -6,6 +6,7 @@
 
 mod battery;
 mod bumper;
+mod bus_sonar;
 mod encoder;
 #[cfg(feature = "imu")]
 mod gyro;
@@ -19,6 +20,7 @@ mod test_wire;
 
 pub use battery::BatteryGauge;
 pub use bumper::{Bumper, FREE_AFTER_US};
+pub use bus_sonar::{BusSonar, BusSonarKind, NotSent};
 pub use encoder::WheelEncoder;
 #[cfg(feature = "imu")]
 pub use gyro::{GyroError, RAD_PER_S_PER_COUNT, WAKES_IN_US, YawGyro};

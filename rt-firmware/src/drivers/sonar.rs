@@ -208,6 +208,18 @@ mod tests {
         }
     }
 
+    #[test]
+    fn an_edge_that_comes_a_microsecond_later_is_0_17_mm_farther() {
+        let range_m = |us| match answer_to(EchoPulse::Over { us }, Sound::IN_A_ROOM) {
+            Answer::Echo { range_m } => f64::from(range_m),
+            other => panic!("{other:?}"),
+        };
+        for us in 120..LONGEST_ECHO_US {
+            let more_mm = (range_m(us + 1) - range_m(us)) * 1e3;
+            assert!((more_mm - 0.1716).abs() < 0.001, "{us}: {more_mm}");
+        }
+    }
+
     /// A trigger pin that does not answer.
     struct Broken;
 

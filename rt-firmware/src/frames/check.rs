@@ -7,7 +7,7 @@ use esm_core::tables::Tables;
 
 use super::limits::{FRAMES, LINKS};
 use crate::declaration::ValueKind;
-use crate::ports::Registry;
+use crate::ports::{AnyTaskPool, Executor, Registry};
 use crate::received_value::VALUE_BYTES;
 use esm_link::message::{Capacity, LinkError};
 
@@ -16,6 +16,15 @@ pub(crate) fn kind_of(registry: Registry<'_>, type_name: &[u8]) -> Option<ValueK
     let mut ports = registry.declarations().flat_map(|declared| declared.ports);
     let port = ports.find(|port| port.type_name().as_bytes() == type_name)?;
     Some(port.kind)
+}
+
+/// What values of the type of this name are made of: a line a field, its name, `:`, its type. None
+/// where no task of these banks has such a type, or this firmware does not know.
+#[must_use]
+pub fn fields_of(banks: &[&mut (dyn AnyTaskPool + '_)], type_name: &str) -> Option<&'static str> {
+    let mut ports = (banks.iter()).flat_map(|bank| bank.declaration().ports);
+    let port = ports.find(|port| port.type_name() == type_name)?;
+    Executor::fields_of(port.kind)
 }
 
 /// Checks the links of a verified blob: their table, that there is room for them, the signatures of

@@ -10,8 +10,11 @@
 //! A value is written from its net's buffer straight into the device's, and read from the device's
 //! into one of [`VALUES`] buffers, which the net then refers to: there is no other copy.
 
+#[cfg(feature = "can")]
+pub mod can;
 #[cfg(feature = "links")]
 mod check;
+mod clock;
 mod device;
 mod limits;
 #[cfg(not(feature = "links"))]
@@ -23,13 +26,14 @@ mod table;
 #[cfg(all(test, feature = "links"))]
 mod tests;
 
+pub use clock::RobotClock;
 pub use device::{LinkDevice, Taken};
 #[cfg(feature = "links")]
 pub(crate) use limits::NO_DISPATCHER;
 pub use limits::{BOARD_FRAMES, BOARD_LINKS, FRAMES, LINKS, VALUES};
 
 #[cfg(feature = "links")]
-pub use check::check;
+pub use check::{check, fields_of};
 #[cfg(feature = "links")]
 pub(crate) use on::{Activation, Flags, FrameLists, FrameMemory};
 

@@ -8,7 +8,7 @@ use esm_link::frames::wire::Header;
 
 use super::device::LinkDevice;
 use super::limits::{FRAMES, LINKS, MAX_OCCURRENCES, NO_DISPATCHER, VALUES};
-use super::table::{self, FrameEntry, FrameState, LinkEntry, Received};
+use super::table::{self, FrameEntry, FrameState, LinkEntry, NO_NET, Received};
 use crate::declaration::ValueKind;
 use crate::features::MISSIONS;
 use crate::ports::{Executor, Registry};
@@ -89,21 +89,23 @@ impl FrameLists<'_> {
     /// The mission starts: all dispatchers begin anew.
     pub(crate) fn begin_anew(&mut self) {
         for frame in self.frames.iter_mut().take(self.count) {
-            frame.state.set(FrameState::NEW);
+            frame.state = FrameState::NEW;
         }
         for link in &mut self.links {
             (link.has_errors, link.has_news) = (false, false);
         }
     }
 
-    /// The mission takes over from another with these lists, and its slots count from this time on.
-    /// Links that are declared in the same way go on.
-    pub(crate) fn begin(&mut self, before: Option<&FrameLists<'_>>, origin_us: u64) {
+    /// The mission takes over at a time from another with these lists, and its slots count from
+    /// `origin_us` on. Links that are declared in the same way go on.
+    pub(crate) fn begin(&mut self, before: Option<&FrameLists<'_>>, origin_us: u64, robot_us: u64) {
         self.begin_anew();
         self.origin_us = origin_us;
         let Some(before) = before else { return };
-        for (link, other) in self.links.iter().zip(&before.links) {
-            let (own, others) = (frames(self.frames, link), frames(before.frames, other));
+        for (link, other) in self.links.iter_mut().zip(&before.links) {
+            let others = slice(before.frames, all_of(other));
+            let own = self.frames.get_mut(range(all_of(link)));
+            let own = own.unwrap_or_default();
             let is_same = link.times == other.times
                 && own.len() == others.len()
                 && own
@@ -111,8 +113,17 @@ impl FrameLists<'_> {
                     .zip(others)
                     .all(|(own, other)| own.is_same(other));
             if is_same {
-                for (own, other) in own.iter().zip(others) {
-                    own.state.set(other.state.get());
+                for (own, other) in own.iter_mut().zip(others) {
+                    own.state.clone_from(&other.state);
+                }
+            } else {
+                // A state that goes on receives from here on, and nothing is late yet.
+                (link.entered_us, link.listens_us) = (robot_us, robot_us);
+                for own in own {
+                    own.state = FrameState {
+                        at_us: robot_us.into(),
+                        ..FrameState::NEW
+                    };
                 }
             }
         }
@@ -135,7 +146,7 @@ impl FrameLists<'_> {
     /// Number of the last occurrence of a frame that was received.
     #[cfg(test)]
     pub(super) fn last_number(&self, frame: usize) -> Option<u8> {
-        self.frames[frame].state.get().occurrences.last()
+        self.frames[frame].state.occurrences.get().last()
     }
 
     /// The device that serves a dispatcher.
@@ -199,9 +210,11 @@ impl FrameLists<'_> {
         }
         if dispatcher.is_multiple_of(2) {
             let sent = slice(self.frames, link.sent);
+            bind(&mut link.sender, sent, at.instance, flags);
             transmit(sent, origin_us, at, device, executor, flags);
         } else {
             let received = slice(self.frames, link.received);
+            bind(&mut link.receiver, received, at.instance, flags);
             receive(link, received, at, device, executor, flags);
         }
     }
@@ -210,28 +223,46 @@ impl FrameLists<'_> {
     pub(crate) fn clear_seen(&mut self, flags: &mut impl Flags) {
         for link in self.links.iter_mut().filter(|link| link.has_news) {
             link.has_news = false;
+            let Some(receiver) = link.receiver else {
+                continue;
+            };
             if core::mem::take(&mut link.has_errors) {
-                flags.set_flag(link.receiver, link.errors, false);
+                flags.set_flag(receiver, link.errors, false);
             }
             for frame in slice(self.frames, link.received) {
-                let mut state = frame.state.get();
-                if core::mem::take(&mut state.is_available) {
-                    flags.set_flag(link.receiver, frame.by_itself, false);
-                    frame.state.set(state);
+                if frame.state.is_available.replace(false) {
+                    flags.set_flag(receiver, frame.by_itself, false);
                 }
             }
         }
     }
 }
 
-fn slice(frames: &[FrameEntry], range: (u16, u16)) -> &[FrameEntry] {
-    let range: Range<usize> = range.0.into()..range.1.into();
-    frames.get(range).unwrap_or_default()
+fn range(range: (u16, u16)) -> Range<usize> {
+    range.0.into()..range.1.into()
+}
+
+fn slice(frames: &[FrameEntry], of: (u16, u16)) -> &[FrameEntry] {
+    frames.get(range(of)).unwrap_or_default()
 }
 
 /// All frames of a link.
-fn frames<'a>(frames: &'a [FrameEntry], link: &LinkEntry) -> &'a [FrameEntry] {
-    slice(frames, (link.sent.0, link.received.1.max(link.sent.1)))
+fn all_of(link: &LinkEntry) -> (u16, u16) {
+    (link.sent.0, link.received.1.max(link.sent.1))
+}
+
+/// Finds the nets of a dispatcher's frames, where they are not known for this task instance.
+#[inline(always)]
+fn bind(known: &mut Option<u16>, frames: &[FrameEntry], instance: u16, flags: &impl Flags) {
+    if *known == Some(instance) {
+        return;
+    }
+    *known = Some(instance);
+    for frame in frames {
+        let net = flags.net(instance, frame.port);
+        let net = net.and_then(|net| u16::try_from(net).ok());
+        frame.net.set(net.unwrap_or(NO_NET));
+    }
 }
 
 /// Hands over the frames whose starts come between the nominal end of this activation and that of
@@ -241,7 +272,7 @@ fn transmit(
     origin_us: u64,
     at: &Activation,
     mut device: Option<&mut (dyn LinkDevice + '_)>,
-    executor: &mut Executor<'_>,
+    executor: &Executor<'_>,
     flags: &mut impl Flags,
 ) {
     let end_us = at.robot_us + u64::from(at.duration_us);
@@ -250,56 +281,62 @@ fn transmit(
         let (Some(record), Some(configuration)) = (&frame.record, frame.configuration) else {
             continue;
         };
-        let mut state = frame.state.get();
+        let state = &frame.state;
         let period_us = u64::from(record.period_us.get().max(1));
-        let first_us = origin_us + u64::from(record.start_us.get());
+        let mut at_us = state.at_us.get();
         // As a rule the activation before has left off here.
-        if at.is_fresh || state.at_us < end_us || state.at_us >= end_us + period_us {
+        if at.is_fresh || at_us < end_us || at_us >= end_us + period_us {
+            let first_us = origin_us + u64::from(record.start_us.get());
             let number = end_us.saturating_sub(first_us).div_ceil(period_us);
-            state.at_us = first_us + number * period_us;
-            state.number = number as u8;
+            at_us = first_us + number * period_us;
+            state.at_us.set(at_us);
+            state.number.set(number as u8);
         }
-        let net = flags.net(at.instance, frame.port);
-        let has_payload = record.flags.get() > 0 || net.is_some_and(|net| executor.has_value(net));
+        if at_us >= until_us {
+            continue;
+        }
+        let flag_count = record.flags.get() as u16;
+        let value = match flag_count {
+            0 => executor.value_to_send(frame.net.get().into()),
+            _ => None,
+        };
+        let has_payload = flag_count > 0 || value.is_some();
+        let mut number = state.number.get();
         let mut left = MAX_OCCURRENCES;
-        while state.at_us < until_us {
+        while at_us < until_us {
             let header = Header {
                 identifier: record.identifier(),
-                number: state.number,
+                number,
                 configuration,
             };
-            let mut write = |payload: &mut [u8]| match record.flags.get() {
-                0 => {
-                    if let Some(net) = net {
-                        executor.put_value(net, payload);
-                    }
-                }
-                count => put_flags(flags, at.instance, frame.carried, count as u16, payload),
+            let mut write = |payload: &mut [u8]| match &value {
+                Some(value) => value.put(payload),
+                None => put_flags(flags, at.instance, frame.carried, flag_count, payload),
             };
             let is_sent = match &mut device {
                 Some(device) if has_payload && left > 0 => {
-                    device.send(state.at_us, header, record.payload.get(), &mut write)
+                    device.send(at_us, header, record.payload.get(), &mut write)
                 }
                 _ => false,
             };
             left = left.saturating_sub(1);
             // Nobody sends what has no value, and nothing is wrong with that.
             let is_full = has_payload && !is_sent;
-            if is_full != state.is_full && has_payload {
-                state.is_full = is_full;
+            if has_payload && state.is_full.replace(is_full) != is_full {
                 flags.set_flag(at.instance, frame.by_itself, is_full);
             }
             if !is_sent {
                 // Those behind it find no room, either, or have no value.
-                let rest = (until_us - state.at_us).div_ceil(period_us);
-                state.at_us += rest * period_us;
-                state.number = state.number.wrapping_add(rest as u8);
+                let rest = (until_us - at_us).div_ceil(period_us);
+                at_us += rest * period_us;
+                number = number.wrapping_add(rest as u8);
                 break;
             }
-            state.at_us += period_us;
-            state.number = state.number.wrapping_add(1);
+            at_us += period_us;
+            number = number.wrapping_add(1);
         }
-        frame.state.set(state);
+        state.at_us.set(at_us);
+        state.number.set(number);
     }
     if let Some(device) = device {
         device.start_sending();
@@ -327,17 +364,14 @@ fn receive(
     executor: &mut Executor<'_>,
     flags: &mut impl Flags,
 ) {
-    link.receiver = at.instance;
     if at.is_fresh {
         // Entering has cleared all flags.
         (link.has_errors, link.has_news) = (false, false);
-        for frame in received {
-            let occurrences = frame.state.get().occurrences;
-            frame.state.set(FrameState {
-                at_us: link.entered_us,
-                occurrences,
-                ..FrameState::NEW
-            });
+        for FrameEntry { state, .. } in received {
+            state.at_us.set(link.entered_us);
+            for mark in [&state.has_come, &state.is_available, &state.is_delayed] {
+                mark.set(false);
+            }
         }
     }
     if let Some(device) = device {
@@ -357,28 +391,23 @@ fn receive(
                 let Some(frame) = received.get(arrived.index) else {
                     return;
                 };
-                let mut state = frame.state.get();
-                let is_delayed = state.is_delayed || is_late(frame, &state, at.robot_us);
-                if !state.occurrences.take(arrived.number, is_delayed) {
-                    return frame.state.set(state);
+                let state = &frame.state;
+                let mut occurrences = state.occurrences.get();
+                // Where no number repeats, nobody asks.
+                let is_delayed = occurrences.last() == Some(arrived.number)
+                    && (state.is_delayed.get() || is_late(frame, at.robot_us));
+                let is_used = occurrences.take(arrived.number, is_delayed);
+                state.occurrences.set(occurrences);
+                if !is_used {
+                    return;
                 }
-                state.has_come = true;
-                frame.state.set(state);
-                let count = frame.record.map_or(0, |record| record.flags.get());
-                if count > 0 {
-                    for flag in 0..count as u16 {
-                        let byte = arrived
-                            .payload
-                            .get(usize::from(flag / 8))
-                            .copied()
-                            .unwrap_or(0);
-                        let is_set = byte >> (flag % 8) & 1 != 0;
-                        flags.set_flag(at.instance, frame.carried + flag, is_set);
+                state.has_come.set(true);
+                match frame.kind {
+                    Some(kind) => {
+                        let net = frame.net.get().into();
+                        executor.take_value(net, kind, arrived.payload, at.robot_us);
                     }
-                } else if let (Some(net), Some(kind)) =
-                    (flags.net(at.instance, frame.port), frame.kind)
-                {
-                    executor.take_value(net, kind, arrived.payload, at.robot_us);
+                    None => take_flags(flags, at.instance, frame, arrived.payload),
                 }
             },
         );
@@ -388,26 +417,35 @@ fn receive(
         flags.set_flag(at.instance, link.errors, true);
     }
     for frame in received {
-        let mut state = frame.state.get();
-        let is_delayed = if core::mem::take(&mut state.has_come) {
-            state.at_us = at.robot_us;
-            state.is_available = true;
+        let state = &frame.state;
+        let is_delayed = if state.has_come.replace(false) {
+            state.at_us.set(at.robot_us);
+            state.is_available.set(true);
             link.has_news = true;
             flags.set_flag(at.instance, frame.by_itself, true);
             false
         } else {
-            state.is_delayed || is_late(frame, &state, at.robot_us)
+            state.is_delayed.get() || is_late(frame, at.robot_us)
         };
-        if is_delayed != state.is_delayed {
-            state.is_delayed = is_delayed;
+        if state.is_delayed.replace(is_delayed) != is_delayed {
             flags.set_flag(at.instance, frame.by_itself + 1, is_delayed);
         }
-        frame.state.set(state);
+    }
+}
+
+/// Sets and clears the flags that a frame carries.
+fn take_flags(flags: &mut impl Flags, instance: u16, frame: &FrameEntry, payload: &[u8]) {
+    let count = frame.record.map_or(0, |record| record.flags.get());
+    for flag in 0..count as u16 {
+        let byte = payload.get(usize::from(flag / 8)).copied().unwrap_or(0);
+        let is_set = byte >> (flag % 8) & 1 != 0;
+        flags.set_flag(instance, frame.carried + flag, is_set);
     }
 }
 
 /// Whether none came for longer than may be.
-fn is_late(frame: &FrameEntry, state: &FrameState, robot_us: u64) -> bool {
-    let late_us = frame.record.map_or(0, |record| record.late_us());
-    robot_us.saturating_sub(state.at_us) > late_us
+#[inline(always)]
+fn is_late(frame: &FrameEntry, robot_us: u64) -> bool {
+    let late_us = frame.record.as_ref().map_or(0, |record| record.late_us());
+    robot_us.saturating_sub(frame.state.at_us.get()) > late_us
 }

@@ -29,25 +29,31 @@ pub(crate) struct FrameEntry {
     /// The first of the flags that it carries, and of those that come by themselves.
     pub(super) carried: u16,
     pub(super) by_itself: u16,
-    pub(super) state: Cell<FrameState>,
+    /// The net of its data port, of the task instance that its dispatcher was executed for last.
+    pub(super) net: Cell<u16>,
+    pub(super) state: FrameState,
 }
 
-/// What is known of the last occurrences of a frame.
-#[derive(Clone, Copy)]
+/// No net.
+pub(super) const NO_NET: u16 = u16::MAX;
+
+/// What is known of the last occurrences of a frame. Who receives looks for frames while it changes
+/// them.
+#[derive(Clone)]
 pub(crate) struct FrameState {
     /// Of a frame that is sent: start of the next occurrence. Of one that is received: the
     /// activation at which the last one came, or when the state was entered.
-    pub(super) at_us: u64,
+    pub(super) at_us: Cell<u64>,
     /// Number of the next occurrence that is sent.
-    pub(super) number: u8,
+    pub(super) number: Cell<u8>,
     /// What is received.
-    pub(super) occurrences: Occurrences,
+    pub(super) occurrences: Cell<Occurrences>,
     /// One has come in the activation that is under way.
-    pub(super) has_come: bool,
+    pub(super) has_come: Cell<bool>,
     /// Which of the flags that come by themselves are set.
-    pub(super) is_full: bool,
-    pub(super) is_available: bool,
-    pub(super) is_delayed: bool,
+    pub(super) is_full: Cell<bool>,
+    pub(super) is_available: Cell<bool>,
+    pub(super) is_delayed: Cell<bool>,
 }
 
 impl FrameEntry {
@@ -62,7 +68,9 @@ impl FrameEntry {
         port: 0,
         carried: 0,
         by_itself: 0,
-        state: Cell::new(FrameState::NEW),
+        // Found before anybody looks; zeros take no flash.
+        net: Cell::new(0),
+        state: FrameState::NEW,
     };
 
     /// Whether another entry is of the same frame, declared in the same way.
@@ -75,14 +83,18 @@ impl FrameEntry {
 }
 
 impl FrameState {
+    #[expect(
+        clippy::declare_interior_mutable_const,
+        reason = "it is what the memory is made of, not a value to share"
+    )]
     pub(super) const NEW: Self = FrameState {
-        at_us: 0,
-        number: 0,
-        occurrences: Occurrences::new(),
-        has_come: false,
-        is_full: false,
-        is_available: false,
-        is_delayed: false,
+        at_us: Cell::new(0),
+        number: Cell::new(0),
+        occurrences: Cell::new(Occurrences::new()),
+        has_come: Cell::new(false),
+        is_full: Cell::new(false),
+        is_available: Cell::new(false),
+        is_delayed: Cell::new(false),
     };
 }
 
@@ -103,8 +115,10 @@ pub(crate) struct LinkEntry {
     pub(super) listens_us: u64,
     /// When a state that receives was left last.
     pub(super) left_us: Option<u64>,
-    /// The task instance that receives, which `available` and `errors` are flags of.
-    pub(super) receiver: u16,
+    /// The task instance that the nets of frames that are sent are known for.
+    pub(super) sender: Option<u16>,
+    /// The same of those that are received: `available` and `errors` are its flags.
+    pub(super) receiver: Option<u16>,
     /// The flag `errors`, and whether it is set.
     pub(super) errors: u16,
     pub(super) has_errors: bool,

@@ -38,8 +38,8 @@ fn publish<V: PortType>(executor: &mut Executor<'static>, net: usize, value: V) 
 /// The payload that a frame of the value on a net would have.
 fn value_on(executor: &Executor<'_>, net: usize) -> Option<u32> {
     let mut payload = [0; 4];
-    executor.put_value(net, &mut payload);
-    executor.has_value(net).then(|| u32::from_le_bytes(payload))
+    executor.value_to_send(net)?.put(&mut payload);
+    Some(u32::from_le_bytes(payload))
 }
 
 /// Flags of one task instance, whose data port *n* is on net *n*.
@@ -389,12 +389,27 @@ fn a_link_that_another_mission_declares_in_the_same_way_goes_on() {
     line.arrives(5, header(&entries()[0], 9), &1_u32.to_le_bytes());
     let run = at(20_000, true);
     before.run(1, &run, Some(&mut line), &mut executor, &mut board);
+    board = Board::default();
     for (late_us, goes_on) in [(0, true), (50_000, false)] {
         let frames = vec![frame(3 | FRAME_IS_RECEIVED, POSE, 20_000, 0, late_us)];
         let mut after = lists(frames, true);
-        after.begin(Some(&before), 40_000);
+        after.begin(Some(&before), 0, 100_000);
         let last = after.last_number(0);
         assert_eq!(last, goes_on.then_some(9), "{late_us}");
+        // The state goes on. One that begins anew waits from here on, for what comes from here on.
+        let mut line = Line::default();
+        line.arrives(99_999, header(&entries()[0], 10), &7_u32.to_le_bytes());
+        for (robot_us, flags) in [
+            (101_000, if goes_on { &[0][..] } else { &[] }),
+            (150_000, &[]),
+            (150_001, if goes_on { &[] } else { &[1][..] }),
+        ] {
+            let run = at(robot_us, false);
+            after.run(1, &run, Some(&mut line), &mut executor, &mut board);
+            assert_eq!(board.set(), flags, "{late_us} {robot_us}");
+            after.clear_seen(&mut board);
+        }
+        board = Board::default();
     }
 }
 

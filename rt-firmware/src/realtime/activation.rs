@@ -23,6 +23,7 @@ use super::tasks::NONE;
 use super::timetable::Activation;
 use crate::board::{ActivationStart, Board, ticks_between};
 use crate::features::WARM;
+use crate::task::Step;
 use esm_link::message::{Mode, SafeReason};
 
 impl RealTime<'_, '_> {
@@ -42,44 +43,53 @@ impl RealTime<'_, '_> {
         if let Err(reason) = board.begin_activation(&start) {
             return self.begin_in_vain(board, &start, delay_ticks, reason);
         }
-        if self.execution.is_prepared() {
-            self.execute_near(board, began_count);
+        if let Some(step) = self.execution.execute_first(board, &mut self.machine) {
+            self.execute_near(board, step, began_count);
         }
         let Some((taken, next)) = self.timetable.take_near() else {
             return self.end_far(board, began_count, delay_ticks);
         };
-        let took_ticks = if self.safety.is_called() {
+        let ended_count = if self.safety.is_called() {
             match self.end_attentively(board, began_count, delay_ticks, taken) {
-                Some(took_ticks) => took_ticks,
+                Some(ended_count) => ended_count,
                 None => return self.go_on(board, true),
             }
         } else {
-            let took_ticks = ticks_between::<B>(began_count, board.count());
+            let ended_count = board.count();
+            let took_ticks = ticks_between::<B>(began_count, ended_count);
             self.count_activation(board, taken.slot(), delay_ticks, took_ticks);
-            took_ticks
+            ended_count
         };
-        if !self.look_up_near(board, taken, next, delay_ticks.wrapping_add(took_ticks)) {
-            return self.go_on(board, true);
+        match self.look_up_near(board, next, ended_count) {
+            Some(start_ticks) => self.timetable.whole_ticks::<B>(start_ticks),
+            None => self.go_on(board, true),
         }
-        self.timetable.next_start_ticks::<B>()
     }
 
-    /// Executes the tasks of an activation that was looked up.
+    /// Takes over what the first task of an activation did that was looked up, and executes those
+    /// that follow it.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn execute_near<B: Board>(&mut self, board: &mut B, began_count: u32) {
-        let around = Around {
-            machine: &mut self.machine,
-            observers: &mut self.observers,
-        };
-        self.execution.execute_tasks(board, around, began_count);
+    fn execute_near<B: Board>(&mut self, board: &mut B, first: Step, began_count: u32) {
+        self.execute_others(board, Some(first), began_count);
         // A background run may lack what a task has just published.
         if self.execution.is_more_to_do() {
             self.safety.call();
         }
     }
 
+    /// Takes over what the first task of a slot did, and executes those that follow it, in an
+    /// activation that began at `began_count`.
+    #[inline(never)]
+    fn execute_others<B: Board>(&mut self, board: &mut B, first: Option<Step>, began_count: u32) {
+        let around = Around {
+            machine: &mut self.machine,
+            observers: &mut self.observers,
+        };
+        (self.execution).execute_others(first, board, around, began_count);
+    }
+
     /// Ends and counts an activation that was looked up, after which more is to be looked at than
-    /// the next one. Returns what it took; `None` if there is a command.
+    /// the next one. Returns when that was; `None` if there is a command.
     #[cold]
     #[inline(never)]
     fn end_attentively<B: Board>(
@@ -95,10 +105,11 @@ impl RealTime<'_, '_> {
             self.settle();
             self.change_runs(taken.slot(), self.timetable.start_us(taken));
         }
-        let took_ticks = ticks_between::<B>(began_count, board.count());
+        let ended_count = board.count();
+        let took_ticks = ticks_between::<B>(began_count, ended_count);
         self.count_activation(board, taken.slot(), delay_ticks, took_ticks);
         self.look_for_failure(board);
-        (!self.commands.has_come()).then_some(took_ticks)
+        (!self.commands.has_come()).then_some(ended_count)
     }
 
     /// Counts an activation that was looked up.
@@ -171,32 +182,54 @@ impl RealTime<'_, '_> {
     }
 
     /// Looks up the next activation after this one, which was on time, was looked up itself, and
-    /// ended so many ticks after its nominal start. False if the next is due already or far away,
-    /// or may be the first of another mission.
+    /// ended at this count. Answers its start on the board's clock, low half; `None` if it is due
+    /// already or far away, or may be the first of another mission.
     #[cfg_attr(feature = "speed", inline(always))]
     fn look_up_near<B: Board>(
         &mut self,
         board: &mut B,
-        taken: Near,
         next: Near,
-        ended_ticks: u32,
-    ) -> bool {
-        if !self.timetable.is_near::<B>(taken, next, ended_ticks)
-            || self.timetable.is_look_due(next) && !self.look_at_clock(board, next)
-        {
-            return false;
+        ended_count: u32,
+    ) -> Option<u32> {
+        let start_ticks = self.timetable.start_ticks::<B>(next);
+        if !self.timetable.is_near::<B>(start_ticks, ended_count) {
+            return None;
         }
-        self.timetable.look_up_near::<B>(next);
-        let slot = next.slot();
-        if self.timetable.is_interpreters(slot) {
+        if self.timetable.is_rare(next) {
+            return self.look_up_rare(board, next, start_ticks);
+        }
+        self.look_up_usual(next, start_ticks);
+        Some(start_ticks)
+    }
+
+    /// The same of one that may be the interpreter's, or wait for a look at the whole clock.
+    #[cold]
+    #[inline(never)]
+    fn look_up_rare<B: Board>(
+        &mut self,
+        board: &mut B,
+        next: Near,
+        start_ticks: u32,
+    ) -> Option<u32> {
+        if self.timetable.is_look_due(next) && !self.look_at_clock(board, next) {
+            return None;
+        }
+        if self.timetable.is_interpreters(next.slot()) {
+            self.timetable.look_up_near(start_ticks);
             self.timetable.pass_over_next();
-            return !self.may_change_mission();
+            return (!self.may_change_mission()).then_some(start_ticks);
         }
-        let instance = self.first_enabled(slot);
+        self.look_up_usual(next, start_ticks);
+        Some(start_ticks)
+    }
+
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn look_up_usual(&mut self, next: Near, start_ticks: u32) {
+        self.timetable.look_up_near(start_ticks);
+        let instance = self.first_enabled(next.slot());
         if instance != NONE {
-            self.prepare_first(slot, instance);
+            self.prepare_first(next, instance);
         }
-        true
     }
 
     /// Looks at the whole clock, which was not looked at for long, before this activation. False if
@@ -230,15 +263,17 @@ impl RealTime<'_, '_> {
     /// Looks up the dispatcher's next activation, which starts at this time, after a look at the
     /// whole clock.
     pub(super) fn look_up<B: Board>(&mut self, start_ticks: u64) {
-        let slot = self.timetable.next().slot;
+        let next = self.timetable.next_near();
+        let slot = next.slot();
         if self.timetable.is_interpreters(slot) || !self.safety.is_running() {
             return;
         }
         self.timetable.look_up::<B>(start_ticks);
+        self.execution.set_base(self.timetable.base_times_us());
         self.execution.forget();
         let instance = self.first_enabled(slot);
         if instance != NONE {
-            self.prepare_first(slot, instance);
+            self.prepare_first(next, instance);
         }
     }
 
@@ -252,10 +287,8 @@ impl RealTime<'_, '_> {
     /// Prepares the first task of an activation. Where it cannot be executed, the activation is not
     /// looked up.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn prepare_first(&mut self, slot: usize, instance: u16) {
-        let (t_us, robot_us) = self.timetable.times_of_next();
-        let period_us = self.timetable.period_us(slot);
-        self.execution.begin(slot, t_us, robot_us, period_us);
+    fn prepare_first(&mut self, next: Near, instance: u16) {
+        self.execution.begin_near(next.slot(), next.since_us());
         if !self.execution.prepare_first(instance, &self.machine) {
             self.timetable.pass_over_next();
         }
@@ -322,18 +355,13 @@ impl RealTime<'_, '_> {
     /// run.
     fn execute_slot<B: Board>(&mut self, board: &mut B, activation: &Activation, robot_us: u64) {
         let t_us = self.timetable.t_us(activation.start_us);
-        let period_us = self.timetable.period_us(activation.slot);
-        self.execution
-            .begin(activation.slot, t_us, robot_us, period_us);
+        self.execution.begin(activation.slot, t_us, robot_us);
         let now_ticks = board.now_low_ticks();
         let first = self.first_enabled(activation.slot);
         if first != NONE {
             self.execution.prepare_first(first, &self.machine);
-            let around = Around {
-                machine: &mut self.machine,
-                observers: &mut self.observers,
-            };
-            self.execution.execute_tasks(board, around, now_ticks);
+            let step = self.execution.execute_first(board, &mut self.machine);
+            self.execute_others(board, step, now_ticks);
         }
         if self.execution.may_start_run() {
             self.start_run(activation.start_us, activation.number);

@@ -10,7 +10,6 @@ use super::params::{self, LiveParams, SavedParams};
 use super::staging::{MissionMemory, OwnMemory, StoppedMission};
 use super::tasks::Lists;
 use crate::ports::{FlagChanges, Inputs, Registry};
-use crate::task::MAX_PARAMS;
 use esm_link::message::{LinkError, SafeReason};
 use esm_link::trial::{FallBack, FallBackReason};
 
@@ -124,10 +123,8 @@ impl<'m> Mission<'m> {
 
     /// Writes the control flags that a task wrote.
     pub(super) fn apply_flags(&mut self, places: &TaskPlaces, flags: FlagChanges) {
-        if flags.written != 0 {
-            self.interpreter
-                .set_flags_at(places, flags.written, flags.values);
-        }
+        self.interpreter
+            .set_flags_at(places, flags.written, flags.values);
     }
 
     /// Sets or resets the busy flag of a task.
@@ -301,17 +298,20 @@ impl<'q, 'm> Machine<'q, 'm> {
         self.trial.is_none() && self.hash() == Some(mission)
     }
 
-    /// Finds what a task's parameters are.
-    #[inline(never)]
-    pub(super) fn find_params(&self, places: &TaskPlaces, count: usize, inputs: &mut Inputs) {
-        let wanted = inputs
-            .params
-            .get_mut(..count.min(MAX_PARAMS))
-            .unwrap_or_default();
-        if let Some(mission) = &self.mission {
-            mission.interpreter.params_at(places, wanted);
+    /// Finds what a task's parameters are in this mission, the one that runs.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn find_params(
+        &self,
+        mission: &Mission<'m>,
+        places: &TaskPlaces,
+        count: usize,
+        inputs: &mut Inputs,
+    ) {
+        let wanted = inputs.params.get_mut(..count).unwrap_or_default();
+        mission.interpreter.params_at(places, wanted);
+        if self.params.is_any() {
+            self.params.put_into(wanted, places.first_param);
         }
-        self.params.put_into(wanted, places.first_param);
     }
 
     /// The values that differ from the mission's.

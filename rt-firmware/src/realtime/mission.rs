@@ -49,7 +49,7 @@ impl<'m> RealTime<'_, 'm> {
         {
             let (origin, _) = self.timetable.running();
             let follows = common.is_some().then_some(&old.frames);
-            self.execution.begin_links(follows, origin.us);
+            self.execution.begin_links(follows, origin.us, at.us);
         }
         self.safety.begin_mission(at.us, longest_us);
         let robot_us = self.timetable.previous_end_us();

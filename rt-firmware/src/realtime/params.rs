@@ -38,6 +38,12 @@ impl LiveParams {
         any: false,
     };
 
+    /// Whether any differ.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(crate) fn is_any(&self) -> bool {
+        self.any
+    }
+
     /// How many differ.
     pub(crate) fn len(&self) -> u8 {
         self.params.iter().filter(|param| **param != FREE).count() as u8
@@ -83,10 +89,8 @@ impl LiveParams {
 
     /// Puts the values that differ in the places of the mission's: `values` are those of a task,
     /// the first of which has the index `first`.
+    #[inline(never)]
     pub(crate) fn put_into(&self, values: &mut [u32], first: u16) {
-        if !self.any {
-            return;
-        }
         for (param, value) in self.params.iter().zip(&self.values) {
             let place = param.checked_sub(first).map(usize::from);
             if let Some(bits) = place.and_then(|place| values.get_mut(place))

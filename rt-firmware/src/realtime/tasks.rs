@@ -1,7 +1,7 @@
 //! The record of each task instance of a mission: all that its executions need, bound when the
 //! mission is staged; whether it waits to be entered; and who holds its `exclusive` group.
 
-use esm_core::tables::{Tables, TaskPlaces};
+use esm_core::tables::Tables;
 
 pub(crate) use super::slots::NONE;
 use super::slots::SlotEntry;
@@ -21,14 +21,14 @@ pub(crate) const NO_GROUP: u8 = u8::MAX;
 /// What is kept for a task instance: its executions read this and nothing else.
 #[derive(Clone, Copy, Debug)]
 pub struct TaskEntry {
-    /// Its task, and where the task's ports lead.
+    /// Its task, where the task's ports lead, and where its flags and parameters stand.
     pub(super) binding: Binding,
-    /// Where its flags and parameters stand.
-    pub(super) places: TaskPlaces,
     /// The next task instance of the same slot, in instance order.
     pub(super) next_in_slot: u16,
     /// Its slot, or [`NONE`] for slot 0.
     slot: u16,
+    /// The slot's period in microseconds, 0 of slot 0.
+    pub(super) period_us: u32,
     /// When it was enabled: a number that grows with each task that becomes enabled.
     order: u32,
     overruns: u16,
@@ -44,32 +44,35 @@ pub struct TaskEntry {
     pub(super) dispatcher: u8,
 }
 
-/// Whether a task is enabled, and how far it has come.
+/// Whether a task is enabled, and how far it has come. The number of [`Fresh`](Self::Fresh) alone
+/// is odd, so that who is fresh is known by one bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum TaskActivity {
     /// It is not enabled.
-    Off,
+    Off = 0,
     /// Entered, and not executed since.
-    Fresh,
+    Fresh = 1,
     /// Executed since it was entered.
-    UnderWay,
+    UnderWay = 2,
     /// Its mission was left, and it serves the one that took over.
-    GoneOn,
+    GoneOn = 4,
+}
+
+impl TaskActivity {
+    /// Whether the task was entered, and not executed since.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn is_fresh(self) -> bool {
+        self as u8 & 1 != 0
+    }
 }
 
 impl TaskEntry {
     /// The entry of no task.
     pub const EMPTY: TaskEntry = TaskEntry {
         binding: Binding::NONE,
-        places: TaskPlaces {
-            first_flag: 0,
-            control_flags: 0,
-            first_param: 0,
-            first_connection: 0,
-            region: 0,
-        },
         next_in_slot: NONE,
         slot: NONE,
+        period_us: 0,
         order: 0,
         overruns: 0,
         place: TaskPlace {
@@ -164,8 +167,8 @@ pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut L
         let places = tables.task_places(instance).unwrap_or_default();
         if let Some(entry) = tasks.get_mut(instance) {
             entry.place = free;
-            entry.places = places;
             entry.binding = registry.bind(free, tables.nets_from(places.first_connection));
+            entry.binding.places = places;
             entry.params = entry.binding.param_count().min(MAX_PARAMS) as u8;
             #[cfg(feature = "links")]
             if let Some(state) = state {
@@ -190,6 +193,8 @@ pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut L
         };
         entry.next_in_slot = next;
         entry.slot = state.slot.map_or(NONE, |slot| slot as u16);
+        let slot = state.slot.and_then(|slot| tables.slot(slot));
+        entry.period_us = slot.map_or(0, |slot| slot.period_us);
     }
 }
 
@@ -472,7 +477,7 @@ impl<'m> TaskTable<'m> {
 
     /// Whether the task was entered and not executed since.
     pub(crate) fn is_fresh(&self, instance: u16) -> bool {
-        self.entry(instance).activity == TaskActivity::Fresh
+        self.entry(instance).activity.is_fresh()
     }
 
     /// The run of a background task begins.
@@ -490,7 +495,8 @@ impl<'m> TaskTable<'m> {
         self.lists.tasks.get_mut(usize::from(instance))
     }
 
-    /// Whether a group is held by somebody else than this task instance.
+    /// Whether a group is held by somebody else than this task instance. [`NO_GROUP`] is none of
+    /// them.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn is_held_from(groups: &[Group], group: u8, instance: u16) -> bool {
         let held = groups.get(usize::from(group));

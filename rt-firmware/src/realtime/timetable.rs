@@ -76,6 +76,8 @@ struct Next {
     base_ticks: u32,
     /// Starts from here on, counted from that base, wait for a look at the whole clock.
     look_us: u32,
+    /// Starts from here on may wait for that look, or be the interpreter's. No earlier one does.
+    rare_us: u32,
 }
 
 impl Next {
@@ -86,6 +88,7 @@ impl Next {
         ended: 0,
         base_ticks: 0,
         look_us: 0,
+        rare_us: 0,
     };
 }
 
@@ -108,6 +111,8 @@ pub(crate) struct Timetable<'m> {
     previous_end_us: u64,
     /// The slot that runs the interpreter.
     interpreter_slot: usize,
+    /// Its next start is not before this, since the origin.
+    interpreter_next_us: u64,
     /// Shortest period of the mission's slots, in microseconds.
     shortest_period_us: u32,
 }
@@ -124,6 +129,7 @@ impl<'m> Timetable<'m> {
             activations: 0,
             previous_end_us: 0,
             interpreter_slot: 0,
+            interpreter_next_us: 0,
             shortest_period_us: 0,
         }
     }
@@ -144,6 +150,7 @@ impl<'m> Timetable<'m> {
         let follows = running.filter(|(_, before_us)| *before_us == period_us);
         self.origin = follows.map_or(at, |(origin, _)| origin);
         self.began_us = at.us - self.origin.us;
+        self.interpreter_next_us = self.began_us;
         self.tasks_us = tasks_us.wrapping_sub(self.began_us);
         self.step_us = at.us;
         self.activations = 0;
@@ -175,6 +182,12 @@ impl<'m> Timetable<'m> {
         self.dispatcher.next()
     }
 
+    /// The same, counted from the dispatcher's base.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn next_near(&self) -> Near {
+        self.dispatcher.next_near()
+    }
+
     /// What the time is at a nominal start since the origin.
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn at<B: Board>(&self, start_us: u64) -> Origin {
@@ -194,12 +207,6 @@ impl<'m> Timetable<'m> {
     #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn is_interpreters(&self, slot: usize) -> bool {
         slot == self.interpreter_slot
-    }
-
-    /// Period of a slot in microseconds.
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn period_us(&self, slot: usize) -> u32 {
-        self.dispatcher.period_us(slot)
     }
 
     /// Activations of a slot that did not start within their period.
@@ -238,15 +245,11 @@ impl<'m> Timetable<'m> {
         self.t_us(robot_us.saturating_sub(self.origin.us))
     }
 
-    /// The time of the mission's tasks at the start of its next activation, which is not before its
-    /// first macro step, and the robot's.
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn times_of_next(&self) -> (u64, u64) {
-        let start_us = self.dispatcher.next().start_us;
-        (
-            start_us.wrapping_add(self.tasks_us),
-            self.robot_us(start_us),
-        )
+    /// The time of the mission's tasks at the dispatcher's base, as long as that is counted from
+    /// which is not before its first macro step, and the robot's.
+    pub(super) fn base_times_us(&self) -> (u64, u64) {
+        let base_us = self.dispatcher.base_us();
+        (base_us.wrapping_add(self.tasks_us), self.robot_us(base_us))
     }
 
     /// The time on the robot's clock at a nominal start since the origin.
@@ -278,11 +281,16 @@ impl<'m> Timetable<'m> {
             .dispatcher
             .missed(taken.slot)
             .wrapping_sub(missed_before);
+        let interpreter = self.is_interpreters(taken.slot);
+        if interpreter {
+            let period_us = self.dispatcher.period_us(taken.slot);
+            self.interpreter_next_us = taken.start_us + u64::from(period_us);
+        }
         let activation = Activation {
             slot: taken.slot,
             start_us: taken.start_us,
             number: self.activations,
-            interpreter: self.is_interpreters(taken.slot),
+            interpreter,
         };
         Some((activation, missed))
     }
@@ -329,13 +337,13 @@ impl<'m> Timetable<'m> {
         }
     }
 
-    /// When the activation starts that was looked up. A board that asks for the low half alone does
-    /// no arithmetic for it.
+    /// When the next activation starts, whose low half is this. A board that asks for the low half
+    /// alone does no arithmetic for it.
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn next_start_ticks<B: Board>(&self) -> u64 {
+    pub(super) fn whole_ticks<B: Board>(&self, start_ticks: u32) -> u64 {
         const LOW: u64 = u32::MAX as u64;
         let whole = self.at::<B>(self.dispatcher.next().start_us).ticks;
-        whole & !LOW | u64::from(self.next.start_ticks)
+        whole & !LOW | u64::from(start_ticks)
     }
 
     /// Takes the activation that was looked up, which has ended. Returns it and the one after it;
@@ -392,30 +400,51 @@ impl<'m> Timetable<'m> {
         }
     }
 
-    /// Whether the next activation after this one, which was looked up itself and ended so many
-    /// ticks after its nominal start, can be looked up: it is neither due nor far away.
+    /// Start of the activation after the one that was looked up, on the board's clock, low half.
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn is_near<B: Board>(&self, taken: Near, next: Near, ended_ticks: u32) -> bool {
-        let wait_us = next.since_us() - taken.since_us();
-        wait_us <= NEAR_US && wait_us * B::TICKS_PER_US > ended_ticks
+    pub(super) fn start_ticks<B: Board>(&self, next: Near) -> u32 {
+        let since_ticks = next.since_us().wrapping_mul(B::TICKS_PER_US);
+        self.next.base_ticks.wrapping_add(since_ticks)
+    }
+
+    /// Whether the activation with this start, after one that ended at this count, can be looked
+    /// up: it is neither due nor far away.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn is_near<B: Board>(&self, start_ticks: u32, ended_count: u32) -> bool {
+        let wait_ticks = ticks_between::<B>(ended_count, start_ticks);
+        wait_ticks.wrapping_sub(1) < NEAR_US * B::TICKS_PER_US
+    }
+
+    /// Whether this activation may be the interpreter's, or wait for a look at the whole clock. No
+    /// other is.
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn is_rare(&self, next: Near) -> bool {
+        next.since_us() >= self.next.rare_us
     }
 
     /// Whether the whole clock is to be looked at before this activation.
-    #[cfg_attr(feature = "speed", inline(always))]
     pub(super) fn is_look_due(&self, next: Near) -> bool {
         next.since_us() >= self.next.look_us
     }
 
     /// The whole clock was looked at before this activation.
     pub(super) fn looked(&mut self, next: Near) {
-        self.next.look_us = next.since_us() + LOOK_US;
+        self.look_from(next.since_us() + LOOK_US);
     }
 
-    /// This activation is looked up.
+    /// The whole clock is to be looked at from here on, counted from the dispatcher's base.
+    fn look_from(&mut self, look_us: u32) {
+        let interpreter_us = self
+            .interpreter_next_us
+            .saturating_sub(self.dispatcher.base_us());
+        self.next.look_us = look_us;
+        self.next.rare_us = u64::from(look_us).min(interpreter_us) as u32;
+    }
+
+    /// The activation with this start is looked up.
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn look_up_near<B: Board>(&mut self, next: Near) {
-        let since_ticks = next.since_us().wrapping_mul(B::TICKS_PER_US);
-        self.next.start_ticks = self.next.base_ticks.wrapping_add(since_ticks);
+    pub(super) fn look_up_near(&mut self, start_ticks: u32) {
+        self.next.start_ticks = start_ticks;
     }
 
     /// The dispatcher's next activation, which starts at this time, is looked up, after a look at
@@ -429,9 +458,9 @@ impl<'m> Timetable<'m> {
             start_ticks: start_ticks as u32,
             window_ticks: mission_window::<B>(self.shortest_period_us),
             base_ticks: base_ticks as u32,
-            look_us: near_us + LOOK_US,
             ..Next::NOTHING
         };
+        self.look_from(near_us + LOOK_US);
     }
 
     /// What was looked up is so no more. What was counted is [settled](Self::settle) later: each

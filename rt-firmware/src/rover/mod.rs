@@ -48,8 +48,9 @@ use crate::body::{
 use crate::drivers::{
     AnalogIn, BatteryGauge, DcMotor, EchoTimer, EncoderCounter, LineArray, WheelEncoder,
 };
-use crate::ports::TaskPool;
+use crate::ports::{AnyTaskPool, TaskPool};
 use crate::registry;
+use crate::registry::put_bank;
 #[cfg(feature = "bumpers")]
 use crate::tasks::Bumpers;
 #[cfg(feature = "behaviours")]
@@ -194,6 +195,21 @@ impl<'a> Extras for PinExtras<'a> {
 
 /// The [`Rover`] on a [`PinImage`](crate::body::PinImage).
 pub type PinRover<'a> = Rover<
+    MotorPwm<'a>,
+    DirectionPin<'a>,
+    MotorPwm<'a>,
+    DirectionPin<'a>,
+    EncoderCount<'a>,
+    EncoderCount<'a>,
+    TriggerPin<'a>,
+    EchoCapture<'a>,
+    AnalogChannel<'a>,
+    SONARS,
+    PinExtras<'a>,
+>;
+
+/// The [`RoverPlaces`] on a [`PinImage`](crate::body::PinImage).
+pub type PinRoverPlaces<'a> = RoverPlaces<
     MotorPwm<'a>,
     DirectionPin<'a>,
     MotorPwm<'a>,
@@ -354,9 +370,115 @@ where
     }
 }
 
+/// All banks, from the tasks that own hardware: as the value of a robot, or each in its place.
+macro_rules! banks_of {
+    (value, $hardware:ident) => {
+        banks_of!(@all [value] $hardware)
+    };
+    ($places:ident, $hardware:ident) => {
+        banks_of!(@all [places $places] $hardware)
+    };
+    (@all $how:tt $hardware:ident) => {
+        banks_of! {
+            @as $how
+            sonar_ring: TaskPool::new([$hardware.sonar_ring]),
+            odometry: TaskPool::new([$hardware.odometry]),
+            wheel_speed: TaskPool::new([$hardware.wheel_speed]),
+            battery_monitor: TaskPool::new([$hardware.battery_monitor]),
+            proximity_monitor: TaskPool::new([ProximityMonitor]),
+            cruise: TaskPool::new(array::from_fn(|_| Cruise)),
+            back: TaskPool::from_fn(Back::default),
+            turn: TaskPool::from_fn(Turn::default),
+            #[cfg(feature = "all-tasks")]
+            drive_distance: TaskPool::from_fn(DriveDistance::default),
+            #[cfg(feature = "all-tasks")]
+            count: TaskPool::from_fn(Count::default),
+            follow_wall: TaskPool::new([FollowWall]),
+            round_corner: TaskPool::new([RoundCorner]),
+            stop: TaskPool::new(array::from_fn(|_| Stop)),
+            logger: TaskPool::new([Logger]),
+            #[cfg(feature = "all-tasks")]
+            line_sensor: TaskPool::new([$hardware.line_sensor]),
+            #[cfg(feature = "all-tasks")]
+            line_monitor: TaskPool::new(array::from_fn(|_| LineMonitor)),
+            #[cfg(feature = "all-tasks")]
+            follow_line: TaskPool::new(array::from_fn(|_| FollowLine)),
+            #[cfg(feature = "all-tasks")]
+            slot_monitor: TaskPool::from_fn(SlotMonitor::default),
+            link_monitor: TaskPool::from_fn(LinkMonitor::default),
+            battery_guard: TaskPool::from_fn(BatteryGuard::default),
+            #[cfg(feature = "sonar-array")]
+            sonar_array: TaskPool::new([$hardware.sonar_array]),
+            #[cfg(feature = "sonar-array")]
+            sector_monitor: TaskPool::new([SectorMonitor]),
+            #[cfg(feature = "sonar-array")]
+            steer: TaskPool::new(array::from_fn(|_| Steer)),
+            #[cfg(feature = "bumpers")]
+            bumpers: TaskPool::new([$hardware.bumpers]),
+            #[cfg(feature = "imu")]
+            gyro: TaskPool::new([$hardware.gyro]),
+            #[cfg(feature = "behaviours")]
+            global_position: TaskPool::from_fn(GlobalPosition::default),
+            #[cfg(feature = "position-tasks")]
+            set_position: TaskPool::from_fn(SetPosition::default),
+            #[cfg(feature = "position-tasks")]
+            correct_position: TaskPool::from_fn(CorrectPosition::default),
+            #[cfg(feature = "behaviours")]
+            behaviours: TaskPool::from_fn(Behaviours::default),
+            #[cfg(feature = "behaviours")]
+            move_on: TaskPool::from_fn(Move::default),
+            #[cfg(feature = "behaviours")]
+            turn_to: TaskPool::from_fn(TurnTo::default),
+            #[cfg(feature = "behaviours")]
+            go_to: TaskPool::from_fn(GoTo::default),
+            #[cfg(feature = "all-behaviours")]
+            follow_corridor: TaskPool::from_fn(FollowCorridor::default),
+            #[cfg(feature = "all-behaviours")]
+            pass_door: TaskPool::from_fn(PassDoor::default),
+            #[cfg(feature = "all-behaviours")]
+            along_wall: TaskPool::from_fn(AlongWall::default),
+            #[cfg(feature = "all-behaviours")]
+            wander: TaskPool::from_fn(Wander::default),
+            #[cfg(feature = "all-behaviours")]
+            approach: TaskPool::from_fn(Approach::default),
+            #[cfg(feature = "all-behaviours")]
+            follow_object: TaskPool::from_fn(FollowObject::default),
+            #[cfg(feature = "all-behaviours")]
+            dock: TaskPool::from_fn(Dock::default),
+            #[cfg(feature = "situations")]
+            outside_range: TaskPool::from_fn(OutsideRange::default),
+            #[cfg(feature = "situations")]
+            stuck: TaskPool::from_fn(Stuck::default),
+            #[cfg(feature = "situations")]
+            sensor_lost: TaskPool::from_fn(SensorLost::default),
+            #[cfg(feature = "situations")]
+            low_battery: TaskPool::from_fn(LowBattery::default),
+            #[cfg(feature = "situations")]
+            near: TaskPool::from_fn(Near::default),
+            #[cfg(feature = "situations")]
+            door_left: TaskPool::from_fn(DoorLeft::default),
+            #[cfg(feature = "situations")]
+            door_right: TaskPool::from_fn(DoorRight::default),
+            #[cfg(feature = "situations")]
+            corner_left: TaskPool::from_fn(CornerLeft::default),
+            #[cfg(feature = "situations")]
+            corner_right: TaskPool::from_fn(CornerRight::default),
+        }
+    };
+    (@as [value] $($(#[$meta:meta])? $bank:ident: $make:expr,)+) => {
+        Self {
+            marks: PhantomData,
+            $($(#[$meta])? $bank: $make,)+
+        }
+    };
+    (@as [places $places:ident] $($(#[$meta:meta])? $bank:ident: $make:expr,)+) => {
+        [$($(#[$meta])? put_bank(&mut $places.$bank, || $make),)+]
+    };
+}
+
 registry! {
     /// The default robot's tasks, and how many task states of each a mission may have.
-    pub struct Rover[
+    pub struct Rover in RoverPlaces[
         LP: SetDutyCycle + Send, LD: OutputPin + Send, RP: SetDutyCycle + Send, RD: OutputPin + Send,
         LE: EncoderCounter + Send, RE: EncoderCounter + Send, T: OutputPin + Send, E: EchoTimer + Send, A: AnalogIn + Send,
         const N: usize, X: Extras
@@ -435,91 +557,35 @@ where
 
     /// The robot with these tasks, and those that own no hardware.
     pub fn from_tasks(hardware: HardwareTasks<LP, LD, RP, RD, LE, RE, T, E, A, N, X>) -> Self {
-        Self {
-            marks: PhantomData,
-            sonar_ring: TaskPool::new([hardware.sonar_ring]),
-            odometry: TaskPool::new([hardware.odometry]),
-            wheel_speed: TaskPool::new([hardware.wheel_speed]),
-            battery_monitor: TaskPool::new([hardware.battery_monitor]),
-            proximity_monitor: TaskPool::new([ProximityMonitor]),
-            cruise: TaskPool::new(array::from_fn(|_| Cruise)),
-            back: TaskPool::from_fn(Back::default),
-            turn: TaskPool::from_fn(Turn::default),
-            #[cfg(feature = "all-tasks")]
-            drive_distance: TaskPool::from_fn(DriveDistance::default),
-            #[cfg(feature = "all-tasks")]
-            count: TaskPool::from_fn(Count::default),
-            follow_wall: TaskPool::new([FollowWall]),
-            round_corner: TaskPool::new([RoundCorner]),
-            stop: TaskPool::new(array::from_fn(|_| Stop)),
-            logger: TaskPool::new([Logger]),
-            #[cfg(feature = "all-tasks")]
-            line_sensor: TaskPool::new([hardware.line_sensor]),
-            #[cfg(feature = "all-tasks")]
-            line_monitor: TaskPool::new(array::from_fn(|_| LineMonitor)),
-            #[cfg(feature = "all-tasks")]
-            follow_line: TaskPool::new(array::from_fn(|_| FollowLine)),
-            #[cfg(feature = "all-tasks")]
-            slot_monitor: TaskPool::from_fn(SlotMonitor::default),
-            link_monitor: TaskPool::from_fn(LinkMonitor::default),
-            battery_guard: TaskPool::from_fn(BatteryGuard::default),
-            #[cfg(feature = "sonar-array")]
-            sonar_array: TaskPool::new([hardware.sonar_array]),
-            #[cfg(feature = "sonar-array")]
-            sector_monitor: TaskPool::new([SectorMonitor]),
-            #[cfg(feature = "sonar-array")]
-            steer: TaskPool::new(array::from_fn(|_| Steer)),
-            #[cfg(feature = "bumpers")]
-            bumpers: TaskPool::new([hardware.bumpers]),
-            #[cfg(feature = "imu")]
-            gyro: TaskPool::new([hardware.gyro]),
-            #[cfg(feature = "behaviours")]
-            global_position: TaskPool::from_fn(GlobalPosition::default),
-            #[cfg(feature = "position-tasks")]
-            set_position: TaskPool::from_fn(SetPosition::default),
-            #[cfg(feature = "position-tasks")]
-            correct_position: TaskPool::from_fn(CorrectPosition::default),
-            #[cfg(feature = "behaviours")]
-            behaviours: TaskPool::from_fn(Behaviours::default),
-            #[cfg(feature = "behaviours")]
-            move_on: TaskPool::from_fn(Move::default),
-            #[cfg(feature = "behaviours")]
-            turn_to: TaskPool::from_fn(TurnTo::default),
-            #[cfg(feature = "behaviours")]
-            go_to: TaskPool::from_fn(GoTo::default),
-            #[cfg(feature = "all-behaviours")]
-            follow_corridor: TaskPool::from_fn(FollowCorridor::default),
-            #[cfg(feature = "all-behaviours")]
-            pass_door: TaskPool::from_fn(PassDoor::default),
-            #[cfg(feature = "all-behaviours")]
-            along_wall: TaskPool::from_fn(AlongWall::default),
-            #[cfg(feature = "all-behaviours")]
-            wander: TaskPool::from_fn(Wander::default),
-            #[cfg(feature = "all-behaviours")]
-            approach: TaskPool::from_fn(Approach::default),
-            #[cfg(feature = "all-behaviours")]
-            follow_object: TaskPool::from_fn(FollowObject::default),
-            #[cfg(feature = "all-behaviours")]
-            dock: TaskPool::from_fn(Dock::default),
-            #[cfg(feature = "situations")]
-            outside_range: TaskPool::from_fn(OutsideRange::default),
-            #[cfg(feature = "situations")]
-            stuck: TaskPool::from_fn(Stuck::default),
-            #[cfg(feature = "situations")]
-            sensor_lost: TaskPool::from_fn(SensorLost::default),
-            #[cfg(feature = "situations")]
-            low_battery: TaskPool::from_fn(LowBattery::default),
-            #[cfg(feature = "situations")]
-            near: TaskPool::from_fn(Near::default),
-            #[cfg(feature = "situations")]
-            door_left: TaskPool::from_fn(DoorLeft::default),
-            #[cfg(feature = "situations")]
-            door_right: TaskPool::from_fn(DoorRight::default),
-            #[cfg(feature = "situations")]
-            corner_left: TaskPool::from_fn(CornerLeft::default),
-            #[cfg(feature = "situations")]
-            corner_right: TaskPool::from_fn(CornerRight::default),
-        }
+        banks_of!(value, hardware)
+    }
+}
+
+/// The rover's banks.
+pub type Banks<'a> = [&'a mut (dyn AnyTaskPool + 'a); PinRover::POOLS];
+
+impl<LP, LD, RP, RD, LE, RE, T, E, A, const N: usize, X: Extras>
+    RoverPlaces<LP, LD, RP, RD, LE, RE, T, E, A, N, X>
+where
+    LP: SetDutyCycle + Send,
+    LD: OutputPin + Send,
+    RP: SetDutyCycle + Send,
+    RD: OutputPin + Send,
+    LE: EncoderCounter + Send,
+    RE: EncoderCounter + Send,
+    T: OutputPin + Send,
+    E: EchoTimer + Send,
+    A: AnalogIn + Send,
+{
+    /// Makes the robot on these parts, with these measures, in its place.
+    pub fn fill(
+        &mut self,
+        parts: RoverParts<LP, LD, RP, RD, LE, RE, T, E, A, N, X>,
+        measures: &Measures<N>,
+    ) -> Banks<'_> {
+        let places = self;
+        let hardware = parts.into_tasks(measures);
+        banks_of!(places, hardware)
     }
 }
 

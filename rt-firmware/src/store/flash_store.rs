@@ -3,6 +3,8 @@
 use embedded_storage::nor_flash::NorFlash;
 
 use super::budget::{self, Budget};
+#[cfg(feature = "behaviours")]
+use super::kept_script::KeptScript;
 use super::key_values::{Found, Key, KeyValues, PutError};
 use super::{
     AppendError, BeginError, Choice, FinishError, FlashBank, HEADER_BYTES, Layout, LayoutError,
@@ -26,6 +28,21 @@ const SAVED_PARAMS: Key = Key(4);
 pub const fn flash_bytes(blob_bytes: u32, erase_bytes: u32) -> u32 {
     2 * (bank_bytes(blob_bytes, erase_bytes) + bank_bytes(RECORD_BYTES as u32, erase_bytes))
         + journal::bytes(erase_bytes)
+}
+
+/// The same with the script that a robot with behaviours can keep, behind all else.
+pub const fn flash_bytes_with_script(blob_bytes: u32, erase_bytes: u32) -> u32 {
+    flash_bytes(blob_bytes, erase_bytes) + script_bytes(erase_bytes)
+}
+
+#[cfg(feature = "behaviours")]
+const fn script_bytes(erase_bytes: u32) -> u32 {
+    2 * bank_bytes(super::SCRIPT_BYTES as u32, erase_bytes)
+}
+
+#[cfg(not(feature = "behaviours"))]
+const fn script_bytes(_erase_bytes: u32) -> u32 {
+    0
 }
 
 /// Bytes of flash that a mission, or records, of up to `payload_bytes` take: what is erased for
@@ -76,6 +93,9 @@ pub struct FlashStore<'m, F> {
     budgets: Budgets<'m>,
     /// An emergency stop was latched, or released, and the flash does not say so yet.
     stop_put_off: Option<bool>,
+    /// None where the flash has no room for it.
+    #[cfg(feature = "behaviours")]
+    script: Option<KeptScript<F>>,
 }
 
 /// What may still be erased.
@@ -124,6 +144,12 @@ impl<'m, F: NorFlash + Clone> FlashStore<'m, F> {
         let record_bytes = bank_bytes(RECORD_BYTES as u32, erase_bytes);
         let missions = Store::new(flash.clone(), Layout::new(0, mission_bytes))?;
         let layout = Layout::new(2 * mission_bytes, record_bytes);
+        #[cfg(feature = "behaviours")]
+        let script = {
+            let script_at = flash_bytes(blob_bytes, erase_bytes);
+            let layout = Layout::new(script_at, script_bytes(erase_bytes) / 2);
+            KeptScript::open(flash.clone(), layout).ok()
+        };
         Ok(FlashStore {
             missions,
             records: KeyValues::open(flash, layout, room)?,
@@ -135,6 +161,8 @@ impl<'m, F: NorFlash + Clone> FlashStore<'m, F> {
             },
             budgets: Budgets::FULL,
             stop_put_off: None,
+            #[cfg(feature = "behaviours")]
+            script,
         })
     }
 
@@ -405,6 +433,18 @@ impl<F: NorFlash + Clone> MissionStore for FlashStore<'_, F> {
     fn saved_params(&mut self) -> SavedParams {
         let record = self.records.get(SAVED_PARAMS);
         record.map_or(SavedParams::NONE, SavedParams::from_bytes)
+    }
+
+    #[cfg(feature = "behaviours")]
+    fn keep_script(&mut self, script: Option<&[u8]>) -> Result<(), LinkError> {
+        let kept = self.script.as_mut().ok_or(LinkError::NoStore)?;
+        (self.budgets.uploads.take(budget::ONE)).map_err(|s| LinkError::FlashBudget { s })?;
+        kept.keep(script).map_err(|()| LinkError::FlashRefused)
+    }
+
+    #[cfg(feature = "behaviours")]
+    fn kept_script(&mut self, room: &mut [u8]) -> usize {
+        self.script.as_mut().map_or(0, |kept| kept.read(room))
     }
 
     fn is_emergency_stopped(&self) -> bool {

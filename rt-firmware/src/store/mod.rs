@@ -89,6 +89,10 @@ pub mod flash_store;
 mod journal;
 #[cfg(test)]
 mod kept_flash;
+#[cfg(feature = "behaviours")]
+mod kept_script;
+#[cfg(all(test, feature = "behaviours"))]
+mod kept_script_tests;
 pub mod key_values;
 mod layout;
 #[cfg(test)]
@@ -101,6 +105,8 @@ mod power_cuts;
 mod records_power_cuts;
 #[cfg(test)]
 mod saved_params;
+#[cfg(feature = "behaviours")]
+mod script_bytes;
 
 pub use layout::{
     ADVANCES, BLOCK_BYTES, CONFIRMATIONS, FlashBank, HEADER_BYTES, Layout, LayoutError, PROMOTIONS,
@@ -110,6 +116,10 @@ use layout::{
     HEADER_WRITTEN_AT, Header, NOTE, NOTES, NOTES_AT, SEALED, SEALED_AT, TRIED, TRIED_AT,
     UPLOAD_LEAD, is_newer, lead,
 };
+#[cfg(feature = "behaviours")]
+pub use script_bytes::SCRIPT_BYTES;
+#[cfg(feature = "behaviours")]
+pub(crate) use script_bytes::{HEAD_BYTES as SCRIPT_HEAD_BYTES, STEP_BYTES as SCRIPT_STEP_BYTES};
 
 /// A store of missions on a flash.
 pub struct Store<F> {

@@ -96,8 +96,9 @@ impl<L: EncoderCounter + Send, R: EncoderCounter + Send> Task for Odometry<L, R>
                 turned_rad = rate_rad_per_s * period_s;
             }
         }
-        self.located = self.located.turned((left_m + right_m) / 2.0, turned_rad);
-        *io.write(Self::POSE) = self.located;
+        let located = self.located.turned((left_m + right_m) / 2.0, turned_rad);
+        self.located = located;
+        *io.write(Self::POSE) = located;
         *io.write(Self::SPEEDS) = WheelSpeeds {
             left_m_per_s: left_m / period_s,
             right_m_per_s: right_m / period_s,

@@ -382,6 +382,27 @@ impl Ranges {
         least.map(f32::from_bits)
     }
 
+    /// Whether all sonars that look straight on see more than so many metres, of which there must
+    /// be one, and those that look to its sides more than theirs. Neither is negative.
+    pub(crate) fn is_free(&self, straight: (Bearings, f32), sides: (Bearings, f32)) -> bool {
+        let [straight_bits, side_bits] = [straight.1, sides.1].map(f32::to_bits);
+        let mut is_seen = false;
+        let sonars = usize::from(self.sonars);
+        for (looks, range_m) in self.bearings.iter().zip(&self.range_m).take(sonars) {
+            // By their bits, as above.
+            let bits = range_m.to_bits();
+            if straight.0.has(*looks) {
+                if bits <= straight_bits {
+                    return false;
+                }
+                is_seen = true;
+            } else if sides.0.has(*looks) && bits <= side_bits {
+                return false;
+            }
+        }
+        is_seen
+    }
+
     /// Free way there, as far as it is known: 0 where a sonar that looks there does not know, and
     /// where none looks there.
     pub fn free_m(&self, bearing: Bearing) -> f32 {

@@ -215,6 +215,7 @@ pub fn go_on(to_us: u64) -> Result<Value, String> {
         told,
         recording,
         plant,
+        ..
     } = run.finish().map_err(|error| error.to_string())?;
     let missions: Vec<Value> = (told.missions.iter())
         .map(|it| json!({ "name": it.name, "start_us": it.start_us, "end_us": it.end_us }))

@@ -1,5 +1,4 @@
-//! The default board in the emulator with a firmware that measures itself, driven over its serial
-//! line.
+//! A board in the emulator with a firmware that measures itself, driven over its serial line.
 
 use std::fs;
 use std::io;
@@ -9,7 +8,8 @@ use std::process::{Child, Command, Stdio};
 
 use host_tools::link_client::LinkClient;
 
-/// Nanoseconds that an instruction takes, as a power of two: 12.8 ticks of the board's timer.
+/// Nanoseconds that an instruction takes, as a power of two: 12.8 ticks of the default board's
+/// timer.
 const SHIFT: u32 = 8;
 /// The socket that is the board's UART0, in the emulator's folder.
 const UART_SOCKET: &str = "uart0";
@@ -45,20 +45,46 @@ impl Drop for Emulated {
 }
 
 impl Emulated {
-    /// Starts a firmware in `folder`, and connects to it.
+    /// Starts a firmware of the default board in `folder`, and connects to it.
     ///
     /// # Errors
     /// What the system says, or that the firmware does not answer.
     pub fn start(firmware: &Path, folder: &Path) -> Result<(Self, LinkClient<UnixStream>), String> {
+        Self::start_with(firmware, folder, &[])
+    }
+
+    /// The same with more arguments for the emulator.
+    ///
+    /// # Errors
+    /// As of [`start`](Self::start).
+    pub fn start_with(
+        firmware: &Path,
+        folder: &Path,
+        more: &[&str],
+    ) -> Result<(Self, LinkClient<UnixStream>), String> {
+        Self::start_on(host_tools::qemu::machine(), firmware, folder, more)
+    }
+
+    /// The same on the machine that QEMU calls so.
+    ///
+    /// # Errors
+    /// As of [`start`](Self::start).
+    pub fn start_on(
+        machine: &str,
+        firmware: &Path,
+        folder: &Path,
+        more: &[&str],
+    ) -> Result<(Self, LinkClient<UnixStream>), String> {
         let told = |error: io::Error| format!("{}: {error}", firmware.display());
         let program = firmware.canonicalize().map_err(told)?;
         let listener = UnixListener::bind(folder.join(UART_SOCKET)).map_err(told)?;
         let console = folder.join(CONSOLE);
         let printed = fs::File::create(&console).map_err(told)?;
-        let emulator = emulator(host_tools::qemu::machine(), SHIFT, &program, folder)
+        let emulator = emulator(machine, SHIFT, &program, folder)
             .arg("-chardev")
             .arg(format!("socket,id=uart0,path={UART_SOCKET},server=off"))
             .args(["-serial", "chardev:uart0"])
+            .args(more)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             // Where the emulator puts what the firmware prints.

@@ -24,6 +24,7 @@ use esm_link::message::{
     Source, Status, StoreStatus, Stream, Swap, TaskCounters, ToDevice, UNKNOWN, Uploads, WayIn,
 };
 use esm_link::proof::{Secret, mask};
+use esm_link::selftest::Ask;
 use esm_link::status_event::{Cause, StatusEvent};
 use esm_link::trial::{FallBack, FallBackReason, Trial};
 use esm_tests::command::root;
@@ -134,6 +135,9 @@ fn write_frames(text: &mut String) {
         watches: of_step.as_flattened(),
         ..call
     };
+    let (measures, measures_length) = Ask::Measures.bytes();
+    let (baud, ms) = (921_600, 2_000);
+    let (rate, rate_length) = Ask::LineRate { baud, ms }.bytes();
     let requests = [
         ("request hello", Request::Hello),
         (
@@ -384,6 +388,20 @@ fn write_frames(text: &mut String) {
             }),
         ),
         (
+            "request keep script",
+            Request::Behaviours(BehaviourRequest::KeepScript {
+                script: 0xfeed_beef,
+            }),
+        ),
+        (
+            "request remove script",
+            Request::Behaviours(BehaviourRequest::KeepScript { script: 0 }),
+        ),
+        (
+            "request kept script",
+            Request::Behaviours(BehaviourRequest::KeptScript),
+        ),
+        (
             "request drive",
             Request::Drive {
                 forward_m_per_s: 0.25,
@@ -392,6 +410,18 @@ fn write_frames(text: &mut String) {
             },
         ),
         ("request end drive", Request::EndDrive),
+        (
+            "request selftest measures",
+            Request::Selftest {
+                ask: &measures[..measures_length],
+            },
+        ),
+        (
+            "request selftest line rate",
+            Request::Selftest {
+                ask: &rate[..rate_length],
+            },
+        ),
     ];
     for ((name, request), seq) in requests.into_iter().zip(0..) {
         write_frame(text, name, &ToDevice { seq, request });

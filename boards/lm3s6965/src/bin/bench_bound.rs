@@ -160,6 +160,9 @@ fn run(plan: &mut Plan, counts: &OwnedFd, blob: &[u8], arena: &mut [u32]) -> u8 
 
 #[lm3s6965::rt::entry]
 fn main() -> ! {
+    // Not on the stack, which has less room.
+    static mut BLOB: [u8; BLOB_BYTES] = [0; BLOB_BYTES];
+    static mut ARENA: [u32; ARENA_WORDS] = [0; ARENA_WORDS];
     clock::start();
     let (Ok(file), Ok(counts)) = (
         sys_open(c"plan", OpenMode::RDONLY_BINARY),
@@ -173,18 +176,16 @@ fn main() -> ! {
         at: 0,
         length: 0,
     };
-    let mut blob = [0; BLOB_BYTES];
-    let mut arena = [0; ARENA_WORDS];
     let mut record = plan.byte();
     while record == b'M' {
         let length = plan.long() as usize;
-        let Some(blob) = blob.get_mut(..length) else {
+        let Some(blob) = BLOB.get_mut(..length) else {
             exit(BAD_MISSION)
         };
         for byte in blob.iter_mut() {
             *byte = plan.byte();
         }
-        record = run(&mut plan, &counts, blob, &mut arena);
+        record = run(&mut plan, &counts, blob, ARENA);
     }
     exit(if record == b'E' { 0 } else { BAD_PLAN })
 }

@@ -1,6 +1,6 @@
 //! The default robot with tasks that misbehave beside its own, for tests: an overrun, masked
-//! interrupts, tasks that never return, a panic, a fault of the core. And one that works in slot 0
-//! without an end, and says how much it has done.
+//! interrupts, tasks that never return, a panic, a fault of the core, a stack that is too deep. And
+//! one that works in slot 0 without an end, and says how much it has done.
 //!
 //! Each does its harm in the first step after its state was entered, and only then, so that
 //! counters can be compared with exact numbers.
@@ -8,6 +8,7 @@
 #![no_main]
 
 use core::array;
+use core::hint::black_box;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use lm3s6965::clock::TICKS_PER_US;
@@ -140,6 +141,36 @@ impl Task for Undefined {
     }
 }
 
+/// Calls itself until the stack's memory ends.
+struct DeepStack;
+
+task! {
+    impl DeepStack {
+        slot 2;
+    }
+}
+
+impl Task for DeepStack {
+    fn step(&mut self, _io: &mut Io<'_>) -> Step {
+        /// More than the stack's memory has room for.
+        const CALLS: u32 = 10_000;
+        match calls(CALLS) {
+            CALLS => Step::Finished,
+            _ => Step::Run,
+        }
+    }
+}
+
+/// Calls itself so often, each time with some bytes on the stack, and counts.
+#[inline(never)]
+fn calls(left: u32) -> u32 {
+    let bytes = black_box([left; 16]);
+    match left {
+        0 => 0,
+        _ => calls(left - 1) + black_box(bytes[0] / left),
+    }
+}
+
 /// Pieces of work that were done in slot 0.
 static WORK_DONE: AtomicU32 = AtomicU32::new(0);
 
@@ -207,6 +238,7 @@ registry! {
         never_return_in_slot_0: NeverReturnInBackground[1],
         panic: Panic[1],
         undefined: Undefined[1],
+        deep_stack: DeepStack[1],
         work: Work[1],
         work_meter: WorkMeter[1],
     }
@@ -229,6 +261,7 @@ impl Faults {
             never_return_in_slot_0: TaskPool::new([NeverReturnInBackground]),
             panic: TaskPool::new([Panic]),
             undefined: TaskPool::new([Undefined]),
+            deep_stack: TaskPool::new([DeepStack]),
             work: TaskPool::new([Work]),
             work_meter: TaskPool::new([WorkMeter]),
         }

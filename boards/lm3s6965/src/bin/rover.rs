@@ -5,11 +5,13 @@
 
 use lm3s6965::PINS;
 use rt_firmware::body::StopPin;
-use rt_firmware::rover::{Measures, PinRover, RoverParts};
+use rt_firmware::rover::{Measures, PinRoverPlaces, RoverParts};
 
 lm3s6965::app! {
     firmware: concat!("rover ", env!("CARGO_PKG_VERSION")),
-    robot: PinRover<'static> = |pins| PinRover::new(RoverParts::from(pins), &Measures::ROVER),
+    robot_in_place: PinRoverPlaces<'static> = |places, pins| {
+        places.fill(RoverParts::from(pins), &Measures::ROVER)
+    },
     emergency_stop: StopPin<'static> = PINS.stop_button(),
     default_mission: include_bytes!("../../../stand_by.blob"),
 }

@@ -30,15 +30,15 @@ MOTORS = [(motor["forwards"], motor["backwards"]) for motor in ROVER.motors]
 class Chip:
     """The chip, with nothing at its pins."""
 
-    def __init__(self):
+    def __init__(self, firmware=FIRMWARE):
         self.simulator = Simulator()
         self.chip = self.simulator.rp2040
         self.clock = self.chip.clock
         self.chip.load_bootrom(BOOTROM_B1)
         self.chip.logger = ConsoleLogger(LogLevel.ERROR, False)
-        emulate.load(self.chip, FIRMWARE)
+        emulate.load(self.chip, firmware)
         self.pios = emulate.lazy_pios(self.chip)
-        for pin in (*sum(ROVER.encoders, ()), *ROVER.echoes):
+        for pin in (*sum(ROVER.encoders, ()), *ROVER.echoes.values()):
             self.chip.gpio[pin].set_input_value(False)
         self.heard = bytearray()
         self.chip.uart[0].on_byte = self.heard.append

@@ -5,25 +5,24 @@
 //! |---|---|---|---|
 //! | `d` | left and right duty, -6250 to 6250, 2 + 2 | drives the motors | `d` |
 //! | `c` | | | counts of the encoders, 2 + 2 |
-//! | `p` | sonar, 1 | triggers the sonar | `p` |
+//! | `p` | sonar, 1 | triggers the sonar | `p`; `n` where it cannot |
 //! | `w` | sonar, 1 | | 0 no echo, 1 high, 2 over; and how long in µs: 1 + 2 |
 //! | `a` | | | counts of battery and the line sensors, 4 × 2 |
+//! | `g` | | wakes the gyroscope (feature `imu`) | 0 done, 1 the bus failed, 2 another chip; and how long it took in µs: 1 + 2 |
+//! | `y` | | (the same) | 0 or 1 as above, its counts, and how long it took in µs: 1 + 2 + 2 |
 //! | `o` | | takes the motors' power, as a firmware that ends | `o` |
 #![no_std]
 #![no_main]
-
-use core::mem::MaybeUninit;
 
 use cortex_m_board::line::Wire;
 use cortex_m_rt::entry;
 use embedded_hal::digital::OutputPin;
 use embedded_hal::pwm::SetDutyCycle;
-use pico::rp2040_hal::usb::UsbBus;
-use pico::rp2040_hal::vector_table::VectorTable;
-use pico::uart::Uart0;
-use pico::usb_device::bus::UsbBusAllocator;
+use pico::uart::Uart;
 use pico::{motors, rt_firmware};
 use rt_firmware::drivers::{AnalogIn, EchoPulse, EchoTimer, EncoderCounter};
+#[cfg(feature = "imu")]
+use rt_firmware::drivers::{GyroError, YawGyro};
 
 /// What is at which pin: the shipped rover's.
 #[allow(dead_code, reason = "the drivers alone are tested")]
@@ -32,7 +31,7 @@ mod robot {
 }
 
 /// The next byte.
-fn byte(uart: &mut Uart0) -> u8 {
+fn byte(uart: &mut Uart) -> u8 {
     loop {
         if let Some(byte) = uart.receive() {
             return byte;
@@ -40,11 +39,11 @@ fn byte(uart: &mut Uart0) -> u8 {
     }
 }
 
-fn number(uart: &mut Uart0) -> i16 {
+fn number(uart: &mut Uart) -> i16 {
     i16::from_le_bytes([byte(uart), byte(uart)])
 }
 
-fn answer(uart: &mut Uart0, bytes: &[u8]) {
+fn answer(uart: &mut Uart, bytes: &[u8]) {
     for &byte in bytes {
         while !uart.can_send() {}
         uart.send(byte);
@@ -61,12 +60,29 @@ fn drive(
     let Ok(()) = power.set_duty_cycle(duty.unsigned_abs());
 }
 
+/// What comes of it, and how long it took, in microseconds.
+#[cfg(feature = "imu")]
+fn timed<T>(act: impl FnOnce() -> T) -> (T, u16) {
+    let began = pico::clock::count();
+    let done = act();
+    (done, pico::clock::count().wrapping_sub(began) as u16)
+}
+
+#[cfg(feature = "imu")]
+fn told(error: Option<GyroError>) -> u8 {
+    match error {
+        None => 0,
+        Some(GyroError::Bus) => 1,
+        Some(GyroError::OtherChip { .. }) => 2,
+    }
+}
+
 #[entry]
 fn main() -> ! {
-    static mut VECTORS: VectorTable = VectorTable::new();
-    static mut USB_BUS: MaybeUninit<UsbBusAllocator<UsbBus>> = MaybeUninit::uninit();
-    let parts = pico::start(VECTORS, USB_BUS, &robot::WIRING).parts;
-    let (mut robot, mut uart) = (parts.robot.rover, parts.uart);
+    let mut robot = pico::start(&robot::WIRING).parts.rover;
+    let mut uart = Uart;
+    #[cfg(feature = "imu")]
+    let mut gyro = robot.extras.imu.map(YawGyro::new);
     loop {
         match byte(&mut uart) {
             b'd' => {
@@ -82,11 +98,9 @@ fn main() -> ! {
             }
             b'p' => {
                 let sonar = usize::from(byte(&mut uart));
-                if let Some(trigger) = robot.sonar_triggers.get_mut(sonar) {
-                    let Ok(()) = trigger.set_high();
-                    let Ok(()) = trigger.set_low();
-                }
-                answer(&mut uart, b"p");
+                let trigger = robot.sonar_triggers.get_mut(sonar);
+                let sent = trigger.is_some_and(|it| it.set_high().and(it.set_low()).is_ok());
+                answer(&mut uart, if sent { b"p" } else { b"n" });
             }
             b'w' => {
                 let sonar = usize::from(byte(&mut uart));
@@ -104,6 +118,20 @@ fn main() -> ! {
                 for sensor in &mut robot.line_sensors {
                     answer(&mut uart, &sensor.counts().to_le_bytes());
                 }
+            }
+            #[cfg(feature = "imu")]
+            b'g' => {
+                let (woken, us) = timed(|| gyro.as_mut().map(YawGyro::wake));
+                answer(&mut uart, &[told(woken.and_then(Result::err))]);
+                answer(&mut uart, &us.to_le_bytes());
+            }
+            #[cfg(feature = "imu")]
+            b'y' => {
+                let (counts, us) = timed(|| gyro.as_mut().map(YawGyro::counts));
+                answer(&mut uart, &[told(counts.and_then(Result::err))]);
+                let counts = counts.and_then(Result::ok).unwrap_or_default();
+                answer(&mut uart, &counts.to_le_bytes());
+                answer(&mut uart, &us.to_le_bytes());
             }
             b'o' => {
                 motors::all_off();

@@ -2,13 +2,18 @@
 //! chip's flash.
 
 pub mod analog;
+#[cfg(feature = "can")]
+pub mod can;
 pub mod encoders;
 #[cfg(feature = "store")]
 pub mod flash;
 pub mod motors;
 pub mod parts;
 pub mod pins;
+#[cfg(feature = "store")]
+pub mod sectors;
 pub mod sonars;
+pub mod uart_dma;
 pub mod wiring;
 
 use cortex_m_board::chip::MotorChip;

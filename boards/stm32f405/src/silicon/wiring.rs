@@ -10,6 +10,9 @@ const fn pin(port: Port, number: u8) -> Pin {
 /// The link, USART 1: TX, RX. 115,200 baud.
 pub const LINK: [Pin; 2] = [pin(Port::A, 9), pin(Port::A, 10)];
 
+/// The link of missions, CAN 1: RX, TX of its transceiver.
+pub const CAN: [Pin; 2] = [pin(Port::B, 8), pin(Port::B, 9)];
+
 /// Inputs of the motors' bridges, channels 1 to 4 of TIM8: left forwards and backwards, right
 /// forwards and backwards.
 pub const MOTORS: [Pin; 4] = [
@@ -31,8 +34,8 @@ pub const TRIGGERS: [Pin; 8] = [
     pin(Port::B, 0),
     pin(Port::B, 1),
     pin(Port::B, 5),
-    pin(Port::B, 8),
-    pin(Port::B, 9),
+    pin(Port::B, 14),
+    pin(Port::B, 15),
     pin(Port::B, 10),
     pin(Port::B, 12),
     pin(Port::B, 13),

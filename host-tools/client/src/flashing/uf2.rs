@@ -141,9 +141,10 @@ impl Image {
         self.pages.entry(at).or_insert(erased)
     }
 
-    /// Gives each sector that something goes into all of its pages, up to the last page. The RP2040
-    /// erases sectors by the numbers of blocks and not by their addresses: behind a gap within a
-    /// sector, pages of the next one would be lost (`elf2uf2` of the Pico SDK does the same).
+    /// Gives each sector that something goes into all of its pages, up to the last page. A boot
+    /// drive erases sectors by the numbers of blocks and not by their addresses: behind a gap
+    /// within a sector, pages of the next one would be lost (`elf2uf2` of the Pico SDK does the
+    /// same).
     fn fill_sectors(&mut self, sector_bytes: u32) {
         let Some(last) = self.pages.keys().next_back().copied() else {
             return;

@@ -34,8 +34,8 @@ use port::{Line, Port};
 /// The longest mission in bytes.
 const BLOB_BYTES: u32 = CAPACITIES.blob_bytes;
 
-/// Bytes of its flash, for missions and records.
-pub const FLASH_BYTES: u32 = flash_store::flash_bytes(BLOB_BYTES, ERASE_BYTES as u32);
+/// Bytes of its flash, for missions, records and a script.
+pub const FLASH_BYTES: u32 = flash_store::flash_bytes_with_script(BLOB_BYTES, ERASE_BYTES as u32);
 
 /// The memory of a runtime lies on the stack of the board's thread.
 const STACK_BYTES: usize = 32 * 1024 * 1024;

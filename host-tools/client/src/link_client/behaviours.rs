@@ -140,6 +140,43 @@ impl<L: ByteLink> LinkClient<L> {
             all: script.all.len() as u8,
         })
     }
+
+    /// Has the robot keep a script that was [run](Self::run_script) just now, and run it each time
+    /// that it starts with the mission that runs.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`NoStore`](esm_link::message::LinkError::NoStore) where it
+    /// keeps none.
+    pub fn keep_script(&mut self, script: &Script) -> Result<(), ClientError> {
+        let request = BehaviourRequest::KeepScript {
+            script: script.id(),
+        };
+        self.ask_to_do("keep the script", Request::Behaviours(request))
+    }
+
+    /// No script is kept any more. What runs goes on.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`NoStore`](esm_link::message::LinkError::NoStore) where the
+    /// robot keeps none.
+    pub fn remove_script(&mut self) -> Result<(), ClientError> {
+        let request = Request::Behaviours(BehaviourRequest::KeepScript { script: 0 });
+        self.ask_to_do("remove the script", request)
+    }
+
+    /// The script that is kept: [`ScriptState::None`](esm_link::behaviours::ScriptState::None)
+    /// where there is none, `Runs` where the robot starts it with the mission that runs, `Ended`
+    /// where it is for another mission.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn kept_script(&mut self) -> Result<ScriptStatus, ClientError> {
+        let request = Request::Behaviours(BehaviourRequest::KeptScript);
+        self.ask("which script is kept", request, |response| match response {
+            Response::BehaviourList { script, .. } => Some(script),
+            _ => None,
+        })
+    }
 }
 
 /// How long the robot's clock is believed before it is asked again.

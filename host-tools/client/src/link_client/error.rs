@@ -224,6 +224,7 @@ pub fn without(feature: Feature) -> &'static str {
         Feature::BlackBox => "it has no flight recorder",
         Feature::Telemetry => "it tells nothing of values on nets",
         Feature::Behaviours => "it has no behaviours",
+        Feature::Selftest => "it tells nothing of what its board measures of itself",
         Feature::Links => {
             "its missions have no links; for boards that can have them, `cargo xtask firmware --with links` builds a firmware with them"
         }

@@ -46,6 +46,7 @@ use esm_link::message::{
     PROVEN_HEADER_BYTES, Request, ResetReason, Response, SlotCounters, Status, Swap, TaskCounters,
     ToDevice, Uploads, version_in_hello,
 };
+use esm_link::selftest::{Ask, Measures};
 
 use crate::serial::ByteLink;
 use crate::serial::clock::Clock;
@@ -431,6 +432,43 @@ impl<L: ByteLink> LinkClient<L> {
             Response::Clock { now_us } => Some(now_us),
             _ => None,
         })
+    }
+
+    /// What the board has measured of itself.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`LinkError::NotBuiltIn`] by a firmware without `selftest`.
+    pub fn measures(&mut self) -> Result<Measures, ClientError> {
+        let (ask, length) = Ask::Measures.bytes();
+        let ask = &ask[..length];
+        self.ask(
+            "measures",
+            Request::Selftest { ask },
+            |response| match response {
+                Response::TaskText { text, .. } => Measures::of(text),
+                _ => None,
+            },
+        )
+    }
+
+    /// Lets the robot's end of the line have another rate for so long, which is
+    /// [`MAX_RATE_MS`](esm_link::selftest::MAX_RATE_MS) at most, and then its own again.
+    ///
+    /// # Errors
+    /// [`ClientError`]; refused with [`LinkError::NotBuiltIn`] where it cannot have that rate.
+    pub fn try_rate(&mut self, baud: u32, time: Duration) -> Result<(), ClientError> {
+        let ms = u32::try_from(time.as_millis()).unwrap_or(u32::MAX);
+        let (ask, length) = Ask::LineRate { baud, ms }.bytes();
+        let ask = &ask[..length];
+        self.ask_to_do("another rate", Request::Selftest { ask })
+    }
+
+    /// Gives this end of the line another rate.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn set_rate(&mut self, baud: u32) -> std::io::Result<()> {
+        self.link.set_rate(baud)
     }
 
     /// Motors off, latched until [`LinkClient::start`].

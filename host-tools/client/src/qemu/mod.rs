@@ -38,8 +38,12 @@ pub const QEMU: &str = "qemu-system-arm";
 
 /// QEMU's name of the default board.
 pub fn machine() -> &'static str {
-    let board = boards::find(firmware::BOARD).ok();
-    (board.and_then(|board| firmware::about(board).machine())).unwrap_or_default()
+    machine_of(firmware::BOARD).unwrap_or_default()
+}
+
+/// QEMU's name of a board; none where QEMU does not emulate it.
+pub fn machine_of(board: &str) -> Option<&'static str> {
+    firmware::about(boards::find(board).ok()?).machine()
 }
 
 /// What becomes of the virtual time in which the emulated processor sleeps. How much of it an

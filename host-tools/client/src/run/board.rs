@@ -95,9 +95,10 @@ impl Board {
         boards::find(self.name()).map_or(0, |board| board.capacities.blob_bytes)
     }
 
-    /// Bytes of its flash for missions.
+    /// Bytes of its flash for missions, records and a script, whether its firmware keeps one or
+    /// not.
     pub fn flash_bytes(&self) -> u32 {
-        flash_store::flash_bytes(self.blob_bytes(), self.erase_bytes())
+        flash_store::flash_bytes_with_script(self.blob_bytes(), self.erase_bytes())
     }
 
     /// Where in its flash the second copy of its records is.

@@ -43,6 +43,17 @@ pub trait ByteLink: Send {
         Ok(bytes.len())
     }
 
+    /// Gives the line another rate, in baud. What stands for a wire and has none takes it for the
+    /// pace of what is sent.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::Unsupported`] where something else carries the bytes; what the system says
+    /// otherwise.
+    fn set_rate(&mut self, baud: u32) -> io::Result<()> {
+        let _ = baud;
+        Err(io::ErrorKind::Unsupported.into())
+    }
+
     /// The clock by which bytes come, and by which the time of [`ByteLink::receive`] is meant.
     /// Whatever stands around another line has that line's.
     fn clock(&self) -> Clock {
@@ -61,6 +72,10 @@ impl<L: ByteLink + ?Sized> ByteLink for Box<L> {
 
     fn try_send(&mut self, bytes: &[u8]) -> io::Result<usize> {
         (**self).try_send(bytes)
+    }
+
+    fn set_rate(&mut self, baud: u32) -> io::Result<()> {
+        (**self).set_rate(baud)
     }
 
     fn clock(&self) -> Clock {

@@ -188,7 +188,10 @@ pub fn open_served(port: &Port, baud: u32) -> Result<Opened, OpenError> {
 pub fn open_to_stop(port: &Port, baud: u32) -> Result<Opened, OpenError> {
     let taken = takeover::identity(port).ok();
     if let Some(file) = taken.and_then(|identity| takeover::take(&identity)) {
-        let line = WireLink::new(file).map_err(|cause| open_error(port, cause))?;
+        let mut line = WireLink::new(file).map_err(|cause| open_error(port, cause))?;
+        // Whoever had it may have tried another rate.
+        line.set_rate(baud)
+            .map_err(|cause| open_error(port, cause))?;
         return Ok(Opened {
             line: Box::new(Paced::new(line, baud)),
             not_served: None,

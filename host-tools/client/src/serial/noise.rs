@@ -115,6 +115,10 @@ impl<L: ByteLink> ByteLink for Noisy<L> {
         self.link.send(&corrupt)
     }
 
+    fn set_rate(&mut self, baud: u32) -> io::Result<()> {
+        self.link.set_rate(baud)
+    }
+
     fn clock(&self) -> Clock {
         self.link.clock()
     }

@@ -35,10 +35,15 @@ impl<L: ByteLink> Paced<L> {
     pub fn new(link: L, baud: u32) -> Self {
         Paced {
             link,
-            byte_time: Duration::from_nanos(BITS_PER_BYTE * 1_000_000_000 / u64::from(baud.max(1))),
+            byte_time: byte_time(baud),
             line_free_at: Instant::now(),
         }
     }
+}
+
+/// How long a byte is on a line of so many bits a second.
+fn byte_time(baud: u32) -> Duration {
+    Duration::from_nanos(BITS_PER_BYTE * 1_000_000_000 / u64::from(baud.max(1)))
 }
 
 impl<L> Paced<L> {
@@ -101,6 +106,12 @@ impl<L: ByteLink> ByteLink for Paced<L> {
         Ok(sent)
     }
 
+    fn set_rate(&mut self, baud: u32) -> io::Result<()> {
+        self.link.set_rate(baud)?;
+        self.byte_time = byte_time(baud);
+        Ok(())
+    }
+
     fn clock(&self) -> Clock {
         self.link.clock()
     }
@@ -110,6 +121,13 @@ impl<L: ByteLink> ByteLink for Paced<L> {
 mod tests {
     use super::super::pipe;
     use super::*;
+
+    #[test]
+    fn another_rate_is_for_lines_that_have_one() {
+        let mut paced = Paced::new(pipe::pair().0, 115_200);
+        let kind = paced.set_rate(9_600).map_err(|error| error.kind());
+        assert_eq!(kind, Err(io::ErrorKind::Unsupported));
+    }
 
     #[test]
     fn a_paced_link_takes_the_time_of_the_wire() {

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use rustix::event::PollFlags;
 use rustix::io::Errno;
+use rustix::termios::OptionalActions;
 
 use super::byte_link::{ByteLink, WRITE_TIMEOUT};
 use super::takeover::Holder;
@@ -100,6 +101,19 @@ impl ByteLink for WireLink {
         }
         let written = self.wire.at_once(|file| rustix::io::write(file, bytes));
         Ok(written?.unwrap_or(0))
+    }
+
+    fn set_rate(&mut self, baud: u32) -> io::Result<()> {
+        let set = self.wire.at_once(|file| {
+            let mut settings = match rustix::termios::tcgetattr(file) {
+                // A socket, with an emulated line behind it.
+                Err(Errno::NOTTY) => return Ok(()),
+                settings => settings?,
+            };
+            settings.set_speed(baud)?;
+            rustix::termios::tcsetattr(file, OptionalActions::Now, &settings)
+        });
+        set.map(|_| ())
     }
 }
 

@@ -5,17 +5,15 @@
 //! with the answer it is its turn, up to the next exchange; what it sends meanwhile is sent before
 //! any other processor comes to that time.
 
-use std::io;
+use std::io::{self, Write};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
 use esm_toolkit::boards;
-use esm_toolkit::host_run::{Behind, Ended, Given, RunError as StepError};
-use esm_toolkit::medium::PS_IN_US;
+use esm_toolkit::host_run::{Behind, Ended, Given, Planned as HostPlanned, RunError as StepError};
 use esm_toolkit::medium::clock::Clock;
 use esm_toolkit::plant::behind_pins::BehindPins;
-use esm_toolkit::story::Told;
 use esm_toolkit::system::lock_step::{InStep, Member};
 use esm_toolkit::system::shared_plant::ProcessorPins;
 use esm_toolkit::system::wiring::Uart;
@@ -27,7 +25,7 @@ use crate::interrupt::Interrupt;
 use crate::lockstep::in_system::{self, Asked, SystemSide};
 use crate::qemu::EmulatorError;
 use crate::run::board::{Board, LinkWay};
-use crate::run::drive::{self, Heard, Plan, Planned, RunError};
+use crate::run::drive::{self, Heard, Plan, Planned, Run, RunError};
 use crate::run::mission::Mission;
 
 /// An emulated board and what it runs.
@@ -37,8 +35,26 @@ pub struct Emulated {
     pub board: &'static boards::Board,
     /// The ELF file, of a firmware with links.
     pub firmware: PathBuf,
-    /// The file of the mission, for messages.
-    pub mission: PathBuf,
+    /// The files of its missions, for messages: of the first, and of those that take over.
+    pub missions: Vec<PathBuf>,
+    /// Whether what enters its interpreter is kept.
+    pub records: bool,
+}
+
+/// Where a thread writes a recording.
+#[derive(Clone, Default)]
+struct Recording(Arc<Mutex<Vec<u8>>>);
+
+impl Write for Recording {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let mut written = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        written.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 /// What a thread has heard of its board, and nobody has taken yet.
@@ -47,8 +63,9 @@ type Words = Arc<Mutex<Given>>;
 /// A processor that runs in an emulator.
 pub struct EmulatedProcessor {
     side: Option<SystemSide>,
-    thread: Option<JoinHandle<Result<Told<Vec<u8>>, RunError>>>,
+    thread: Option<JoinHandle<Result<Run<Vec<u8>>, RunError>>>,
     words: Words,
+    recording: Recording,
     clock: Clock,
     pins: ProcessorPins,
     uart: Option<Uart>,
@@ -70,14 +87,17 @@ impl EmulatedProcessor {
         (pins, uart): (ProcessorPins, Option<Uart>),
         (seed, until_us): (u64, u64),
     ) -> Result<Self, RunError> {
-        let clock = member.clock;
-        let until_us = clock.local_us(until_us.saturating_mul(PS_IN_US));
+        let clock = member.life.clock;
+        let until_us = member.until_us(until_us);
         let (board_side, side) = in_system::pair();
         let words = Words::default();
-        let verified = esm_core::verify(member.mission.blob).ok();
-        let mission = verified.and_then(|it| Mission::new(&emulated.mission, it).ok());
-        let damaged = || failed("read the mission", io::ErrorKind::InvalidData.into());
-        let mission = mission.ok_or_else(damaged)?;
+        let recording = Recording::default();
+        let record: Option<Box<dyn Write + Send>> = match emulated.records {
+            true => Some(Box::new(recording.clone())),
+            false => None,
+        };
+        let missions = planned(&emulated.missions, member)
+            .ok_or_else(|| failed("read the missions", io::ErrorKind::InvalidData.into()))?;
         let interrupt =
             Interrupt::take_over().map_err(|cause| failed("take over Ctrl-C", cause))?;
         let thread = thread::Builder::new().name(emulated.board.name.to_owned());
@@ -92,15 +112,11 @@ impl EmulatedProcessor {
                     seed,
                     until_us: Some(until_us),
                     system: Some(Arc::new(board_side)),
-                    ..Plan::new(
-                        Board::Emulated { board, firmware },
-                        world,
-                        vec![Planned::first(mission)],
-                    )
+                    record: record.map(|out| out as Box<dyn Write>),
+                    ..Plan::new(Board::Emulated { board, firmware }, world, missions)
                 };
                 let mut watch = |heard: Heard<'_>| take_word(&words, &heard);
-                let run = drive::drive(plan, Vec::new(), interrupt, &mut watch)?;
-                Ok(run.told)
+                drive::drive(plan, Vec::new(), interrupt, &mut watch)
             }
         });
         let thread = thread.map_err(|cause| failed("start the thread of a board", cause))?;
@@ -108,6 +124,7 @@ impl EmulatedProcessor {
             side: Some(side),
             thread: Some(thread),
             words,
+            recording,
             clock,
             pins,
             uart,
@@ -167,24 +184,49 @@ impl EmulatedProcessor {
             }
             self.go_on();
         }
-        let told = self.join()?;
-        Ok((!told.missions.is_empty()).then(|| Ended {
+        let Run { told, summary, .. } = self.join()?;
+        let mut written = self.recording.0.lock();
+        let recording = written
+            .as_deref_mut()
+            .map(std::mem::take)
+            .unwrap_or_default();
+        Ok((!told.missions.is_empty()).then_some(Ended {
             told,
-            recording: Vec::new(),
+            recording,
             plant,
+            slots_missed: summary.slots_missed,
         }))
     }
 
-    fn join(&mut self) -> Result<Told<Vec<u8>>, RunError> {
+    fn join(&mut self) -> Result<Run<Vec<u8>>, RunError> {
         let ended = self.thread.take().map(JoinHandle::join);
         match ended {
-            Some(Ok(told)) => told,
+            Some(Ok(run)) => run,
             _ => Err(failed(
                 "end the thread of a board",
                 io::ErrorKind::Other.into(),
             )),
         }
     }
+}
+
+/// The missions of a member as they are brought to a board. None where one is damaged.
+fn planned(files: &[PathBuf], member: Member) -> Option<Vec<Planned>> {
+    let first = HostPlanned {
+        at_us: 0,
+        mission: member.mission,
+        warm: false,
+    };
+    let missions = [first].into_iter().chain(member.then).zip(files);
+    let planned = missions.map(|(planned, file)| {
+        let verified = esm_core::verify(planned.mission.blob).ok()?;
+        Some(Planned {
+            at_us: planned.at_us,
+            warm: planned.warm,
+            ..Planned::first(Mission::new(file, verified).ok()?)
+        })
+    });
+    planned.collect()
 }
 
 fn failed(what: &'static str, cause: io::Error) -> RunError {

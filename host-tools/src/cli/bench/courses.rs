@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
 
-use crate::bench::Course;
+use crate::bench::{Course, Sent};
 use crate::cli::argument::Time;
 use crate::cli::console::Console;
 use crate::cli::exit::CommandError;
-use crate::cli::{file, stage};
+use crate::cli::{by_hand, file, stage};
 use crate::goal::{Goal, GoalFile};
 use crate::run::mission::Mission;
 use crate::scenario::suite::{self, Case, FolderError};
@@ -28,6 +28,8 @@ pub struct Asked<'a> {
     pub until: Option<Time>,
     /// The goal, instead of those of goal files.
     pub goal: Option<Goal>,
+    /// The script, instead of those of goal files.
+    pub script: Option<&'a Path>,
 }
 
 /// A course before anything of it is read.
@@ -83,12 +85,18 @@ pub fn courses(asked: &Asked<'_>, console: &mut Console) -> Result<Vec<Course>, 
             let staged = stage::mission(&mission, console)?;
             missions.insert(mission.clone(), staged.mission);
         }
+        // As a goal file names it, it stands beside the mission.
+        let named = said.as_ref().and_then(|said| said.script.as_deref());
+        let script = asked.script.map(Path::to_owned);
+        let script = script.or_else(|| named.map(|file| mission.with_file_name(file)));
+        let script = (script.map(|file| sent(file, &mission, console))).transpose()?;
         courses.push(Course {
             mission: missions[&mission].clone(),
             world_name: world_name.display().to_string(),
             world,
             until_us: until.us,
             goal: asked.goal.or(said.map(|said| said.goal)),
+            script,
         });
     }
     Ok(courses)
@@ -97,7 +105,7 @@ pub fn courses(asked: &Asked<'_>, console: &mut Console) -> Result<Vec<Course>, 
 impl Asked<'_> {
     /// Whether goal files are left aside.
     fn is_told_here(&self) -> bool {
-        self.world.is_some() || self.goal.is_some()
+        self.world.is_some() || self.goal.is_some() || self.script.is_some()
     }
 
     /// What a path stands for.
@@ -106,7 +114,7 @@ impl Asked<'_> {
         let is_goal_file = path.extension().is_some_and(|ending| ending == suite::GOAL);
         if self.is_told_here() && (path.is_dir() || is_goal_file) {
             return Err(CommandError::Usage(anyhow!(
-                "`--world` and `--goal` are for missions that are named, and {shown} is none: name one, as in `missions/guard.esm`"
+                "`--world`, `--goal` and `--script` are for missions that are named, and {shown} is none: name one, as in `missions/guard.esm`"
             )));
         }
         if path.is_dir() || is_goal_file {
@@ -154,6 +162,15 @@ fn of_its_mission(case: Case) -> Result<Planned, CommandError> {
     Ok(Planned {
         mission,
         goal_file: Some(goal_file),
+    })
+}
+
+/// What a mission is sent that has been compiled.
+fn sent(file: PathBuf, mission: &Path, console: &mut Console) -> Result<Sent, CommandError> {
+    Ok(Sent {
+        script: by_hand::script_for(&file, mission, console)?,
+        at_us: by_hand::SCRIPT_AT_US,
+        file,
     })
 }
 

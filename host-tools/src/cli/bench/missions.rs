@@ -34,10 +34,12 @@ Examples:
   esm bench missions missions/guard.esm missions/square.esm --seeds 1..=20
   esm bench missions missions/guard/visitors.goal --seeds 1..=100 --jobs 2 --strict
   esm bench missions missions/patrol.esm --world corridor --until '60 s' --goal '2 rooms'
+  esm bench missions missions/by_hand.esm --script missions/square.script --world empty --until '45 s'
 
-A goal file has three lines, as in `world office`, `until 60 s` and `goal start within 0.25 m`; a goal may also be `X,Y within 0.25 m` or `3 rooms`.
+A goal file has three lines, as in `world office`, `until 60 s` and `goal start within 0.25 m`; a goal may also be `X,Y within 0.25 m` or `3 rooms`. \
+A fourth, as in `script errand.script`, names a script beside the mission, which the run sends it.
 
-With --json one object a run, by mission, then by seed: mission, world, seed, at_goal (null without a goal), off_goal_m (null where the goal is no place), \
+With --json one object a run, by mission, then by seed: mission, script (null without one), world, seed, at_goal (null without a goal), off_goal_m (null where the goal is no place), \
 time_s, finished, distance_m, rooms_entered, collisions, avoidable, touches (a list of at_s, x_m, y_m, touched, line, speed_m_per_s, there_from_s, free_m, \
 needed_m, avoidable), dead_sonars (a list of sonar, at_s), fault. The last line has runs, at_goal, missed, collisions and avoidable.")]
 pub struct MissionsArgs {
@@ -67,6 +69,11 @@ pub struct MissionsArgs {
     #[arg(long, value_name = "GOAL")]
     pub goal: Option<Goal>,
 
+    /// A script of behaviours that a task `Behaviours` of the mission does; goal files are left
+    /// aside then
+    #[arg(long, value_name = "FILE")]
+    pub script: Option<PathBuf>,
+
     /// Lets people step in and away at the times of the world's file, and no sonar die
     #[arg(long)]
     pub no_vary: bool,
@@ -95,6 +102,7 @@ pub fn execute(
         world: args.world.as_deref(),
         until: args.until,
         goal: args.goal,
+        script: args.script.as_deref(),
     };
     let courses = courses(&asked, console)?;
     let varies = !args.no_vary;
@@ -163,7 +171,11 @@ fn interrupted(done: usize, runs: usize) -> CommandError {
 fn of_run(error: RunError, course: &Course, seed: u64) -> CommandError {
     let which = format!(
         "{} in {}, seed {seed}",
-        course.mission.file.display(),
+        course
+            .script
+            .as_ref()
+            .map_or(&course.mission.file, |sent| &sent.file)
+            .display(),
         course.world_name
     );
     match CommandError::from(error) {

@@ -17,6 +17,7 @@ const TOLD_RUNS: usize = 5;
 #[derive(Serialize)]
 pub struct Row<'a> {
     mission: String,
+    script: Option<String>,
     world: &'a str,
     seed: u64,
     at_goal: Option<bool>,
@@ -44,6 +45,7 @@ impl<'a> Row<'a> {
         let summary = &outcome.summary;
         Row {
             mission: course.mission.file.display().to_string(),
+            script: (course.script.as_ref()).map(|sent| sent.file.display().to_string()),
             world: &course.world_name,
             seed: outcome.seed,
             at_goal: course.goal.map(|_| outcome.is_at_goal()),
@@ -144,7 +146,7 @@ fn row(course: &Course, runs: &[Outcome]) -> [String; HEADINGS.len()] {
     let off_m = runs.iter().filter_map(|run| run.reached?.off_m);
     let goal = course.goal.map(|goal| goal.to_string());
     [
-        course.mission.name.clone(),
+        shown_name(course),
         course.world.name.clone(),
         goal.unwrap_or_else(|| "-".to_owned()),
         total.runs.to_string(),
@@ -154,6 +156,16 @@ fn row(course: &Course, runs: &[Outcome]) -> [String; HEADINGS.len()] {
         median_and_worst::<3>(off_m),
         median_and_worst::<1>(runs.iter().map(Outcome::time_s)),
     ]
+}
+
+/// What a row is called by: the mission, or the script that it is sent.
+fn shown_name(course: &Course) -> String {
+    let sent = course.script.as_ref();
+    let file = sent.and_then(|sent| sent.file.file_name());
+    file.map_or_else(
+        || course.mission.name.clone(),
+        |file| file.to_string_lossy().into_owned(),
+    )
 }
 
 /// The median and the greatest of some numbers, with so many decimals.
@@ -182,7 +194,7 @@ pub fn troubles(course: &Course, runs: &[Outcome], varies: bool) -> String {
         let _ = writeln!(
             told,
             "{} in {}, seed {}: {}",
-            course.mission.name,
+            shown_name(course),
             course.world.name,
             run.seed,
             trouble(run)
@@ -198,11 +210,15 @@ pub fn troubles(course: &Course, runs: &[Outcome], varies: bool) -> String {
         };
         let _ = writeln!(
             told,
-            "  again: esm run {} --board host --world {} --until '{until}' --seed {}{}",
+            "  again: esm run {} --board host --world {} --until '{until}' --seed {}{}{}",
             course.mission.file.display(),
             course.world_name,
             first.seed,
-            if varies { " --vary" } else { "" }
+            if varies { " --vary" } else { "" },
+            (course.script.as_ref()).map_or_else(String::new, |sent| format!(
+                " --script {}",
+                sent.file.display()
+            ))
         );
     }
     told

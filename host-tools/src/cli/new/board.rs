@@ -249,7 +249,11 @@ mod tests {
             );
             let programs = new.iter().filter(|file| file.path.starts_with("src/bin"));
             assert_eq!(programs.count(), 1);
-            assert!(text("src/lib.rs").contains("pub const NAME: &str = \"my_board\";"));
+            let names = [
+                "pub const NAME: &str = \"my_board\";",
+                "rp_board::board! { name: \"my_board\",",
+            ];
+            assert!(names.iter().any(|name| text("src/lib.rs").contains(name)));
             for line in text("Cargo.lock").lines() {
                 assert_ne!(line, format!("name = \"{}-board\"", board.name));
             }

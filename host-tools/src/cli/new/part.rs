@@ -29,11 +29,12 @@ pub struct NewTaskArgs {
     part: PartArgs,
 }
 
-/// Adds a behaviour with its test to the robot around the working directory
+/// Adds a behaviour with its test and a mission to the robot around the working directory
 ///
 /// A behaviour is a task with a law of control, which takes its turn on the robot's list. It is
-/// `src/NAME.rs`, the test of its law `tests/NAME.rs`. It is entered in the registry as a task is,
-/// with the owner of the list, `Behaviours`, where the robot has none yet.
+/// `src/NAME.rs`, the test of its law `tests/NAME.rs`, and `NAME.esm` a mission in which it drives
+/// the robot, where that has sonars, odometry and wheels. It is entered in the registry as a task
+/// is, with the owner of the list, `Behaviours`, where the robot has none yet.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Example:
@@ -99,7 +100,7 @@ pub fn task(args: &NewTaskArgs, console: &mut Console) -> Result<(), CommandErro
         include_str!("../../../templates/task/task.rs.jinja"),
         include_str!("../../../templates/task/test.rs.jinja"),
     ];
-    add("task", &args.part, templates, &[], console)
+    add("task", &args.part, templates, None, &[], console)
 }
 
 /// Adds a behaviour.
@@ -116,15 +117,25 @@ pub fn behaviour(args: &NewBehaviourArgs, console: &mut Console) -> Result<(), C
         field: "behaviours",
         task: "esm::rt_firmware::behaviours::Behaviours",
     };
-    add("behaviour", &args.part, templates, &[owner], console)
+    let mission = include_str!("../../../templates/behaviour/mission.esm.jinja");
+    add(
+        "behaviour",
+        &args.part,
+        templates,
+        Some(mission),
+        &[owner],
+        console,
+    )
 }
 
-/// Adds a task of templates: its file and that of its test. What it `needs` is entered in the
-/// registry, too, where it is not there yet.
+/// Adds a task of templates: its file and that of its test, and a mission for it, where the robot
+/// has the tasks that the mission takes. What it `needs` is entered in the registry, too, where it
+/// is not there yet.
 fn add(
     kind: &str,
     args: &PartArgs,
     [task, test]: [&str; 2],
+    mission: Option<&str>,
     needs: &[Entry<'_>],
     console: &mut Console,
 ) -> Result<(), CommandError> {
@@ -136,10 +147,16 @@ fn add(
         r#type: &name.camel,
         robot: &robot.name,
     };
-    let new = [
+    let mut new = vec![
         NewFile::of_template(format!("src/{}.rs", name.snake), task, &values)?,
         NewFile::of_template(format!("tests/{}.rs", name.snake), test, &values)?,
     ];
+    let declared = declarations(&robot)?;
+    let mission = mission.filter(|_| lacking(&declared, &OF_BEHAVIOUR).is_empty());
+    if let Some(mission) = mission {
+        let file = format!("{}.esm", name.snake);
+        new.push(NewFile::of_template(file, mission, &values)?);
+    }
     let type_path = format!("{}::{}", name.snake, name.camel);
     let own = Entry {
         module: Some(&name.snake),
@@ -167,6 +184,9 @@ fn add(
     };
     next.push(format!("cargo test --test {}", name.snake));
     next.push(format!("{DECLARE}     # so that missions know it"));
+    if mission.is_some() {
+        next.push(drive(&name));
+    }
     let report = Report {
         kind,
         name: &name.snake,
@@ -183,13 +203,33 @@ fn robot_of(args: &PartArgs) -> Result<RobotCrate, CommandError> {
     RobotCrate::find(args.robot.as_deref().unwrap_or(Path::new(".")))
 }
 
+/// What a robot has declared of its tasks, for its missions; nothing where it has no such file.
+fn declarations(robot: &RobotCrate) -> Result<String, CommandError> {
+    let file = robot.folder.join(DECLARATIONS);
+    match file.is_file() {
+        true => file::read_text(&file, "declarations"),
+        false => Ok(String::new()),
+    }
+}
+
+/// Those of these tasks that are not declared.
+fn lacking<'a>(declared: &str, tasks: &[&'a str]) -> Vec<&'a str> {
+    let lacks = |task: &&&str| {
+        let begins = format!("task {task} ");
+        !declared.lines().any(|line| line.starts_with(&begins))
+    };
+    tasks.iter().filter(lacks).copied().collect()
+}
+
+/// What drives a mission of the robot.
+fn drive(name: &Name) -> String {
+    let file = &name.snake;
+    format!("cargo run -- run {file}.esm --board host --until '60 s'")
+}
+
 /// Refuses a name that the robot has: of a module, or of a task that its missions know.
 fn has_not(robot: &RobotCrate, name: &Name) -> Result<(), CommandError> {
-    let declared = robot.folder.join(DECLARATIONS);
-    let declared = match declared.is_file() {
-        true => file::read_text(&declared, "declarations")?,
-        false => String::new(),
-    };
+    let declared = declarations(robot)?;
     let module = format!("mod {};", name.snake);
     let is_module = (robot.library.lines()).any(|line| line.trim_end().ends_with(&module));
     let task = format!("task {} ", name.camel);
@@ -210,6 +250,9 @@ fn has_not(robot: &RobotCrate, name: &Name) -> Result<(), CommandError> {
 /// Tasks that the template of a mission makes states of.
 const OF_MISSION: [&str; 5] = ["SonarRing", "Odometry", "Cruise", "Turn", "WheelSpeed"];
 
+/// The same for the mission of a behaviour, beside that and the owner of the list.
+const OF_BEHAVIOUR: [&str; 3] = ["SonarRing", "Odometry", "WheelSpeed"];
+
 /// Adds a mission.
 ///
 /// # Errors
@@ -220,11 +263,7 @@ pub fn mission(args: &NewMissionArgs, console: &mut Console) -> Result<(), Comma
     let robot = robot_of(args)?;
     let declared = file::read_text(&robot.folder.join(DECLARATIONS), "declarations")
         .map_err(|error| with_remedy(error, &format!("`{DECLARE}` writes them")))?;
-    let lacks = |task: &&str| {
-        let begins = format!("task {task} ");
-        !declared.lines().any(|line| line.starts_with(&begins))
-    };
-    let lacking: Vec<&str> = OF_MISSION.into_iter().filter(lacks).collect();
+    let lacking = lacking(&declared, &OF_MISSION);
     if !lacking.is_empty() {
         return Err(CommandError::Input(anyhow!(
             "a new mission begins with tasks that {DECLARATIONS} does not declare: {}; write yours from the robot's own \
@@ -256,13 +295,7 @@ pub fn mission(args: &NewMissionArgs, console: &mut Console) -> Result<(), Comma
         folder: robot.folder.display().to_string(),
         files: files::names(&new),
         changed: Vec::new(),
-        next: vec![
-            "esm test .".to_owned(),
-            format!(
-                "cargo run -- run {}.esm --board host --until '60 s'",
-                name.snake
-            ),
-        ],
+        next: vec!["esm test .".to_owned(), drive(&name)],
     };
     report.tell(args.json, console)
 }

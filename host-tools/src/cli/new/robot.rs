@@ -291,6 +291,7 @@ struct Values<'a> {
     r#type: &'a str,
     board: &'a str,
     has_firmware: bool,
+    is_emulated: bool,
     has_pins: bool,
     /// As a word of a command line.
     framework: String,
@@ -322,6 +323,9 @@ fn robot_files(
         r#type: &name.camel,
         board: board.name,
         has_firmware: board.firmware.is_some(),
+        is_emulated: board
+            .firmware
+            .is_some_and(|firmware| firmware.is_emulated()),
         has_pins: framework.robot_file.is_some(),
         framework: quoted(&place.framework),
         folder: quoted(&place.folder),
@@ -440,8 +444,11 @@ mod tests {
                     boards::all().filter(|other| *other != board && **other != boards::HOST)
                 {
                     let is_source = file.path.extension().is_some_and(|it| it == "rs");
+                    // The name of one begins with that of another.
+                    let is_inside = |letter: char| letter.is_alphanumeric() || letter == '_';
+                    let mut words = file.text.split(|letter| !is_inside(letter));
                     assert!(
-                        !is_source || !file.text.contains(other.name),
+                        !is_source || words.all(|word| word != other.name),
                         "{}",
                         file.path.display()
                     );

@@ -19,12 +19,11 @@ const COLUMNS_A_MARK: usize = 10;
 /// From next to nothing to the whole column.
 const EIGHTHS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 
+/// A row of the chart: what stands before it, and the indices of its slots.
+pub type Lane = (String, Vec<usize>);
+
 /// The chart of a schedule, as wide as a terminal of so many columns; empty without slots.
 pub fn chart(timetable: &Timetable, columns: usize) -> String {
-    let rows = timetable.rows(MAX_ROWS);
-    if rows.is_empty() {
-        return String::new();
-    }
     let label = |row: &Row| match (row.slots.as_slice(), row.period_us) {
         ([slot], _) => format!(
             "slot {}",
@@ -33,11 +32,26 @@ pub fn chart(timetable: &Timetable, columns: usize) -> String {
         (slots, Some(period_us)) => format!("{} × {}", slots.len(), axis::time(period_us.into())),
         (slots, None) => format!("{} longer", slots.len()),
     };
-    let labels: Vec<String> = rows.iter().map(label).collect();
+    let rows = timetable.rows(MAX_ROWS).into_iter();
+    let lanes: Vec<Lane> = rows.map(|row| (label(&row), row.slots)).collect();
+    of_lanes(timetable, &lanes, Some("free"), columns)
+}
+
+/// The same with rows of the caller's, and a row for what all leave free where that has a name.
+pub fn of_lanes(
+    timetable: &Timetable,
+    lanes: &[Lane],
+    free: Option<&str>,
+    columns: usize,
+) -> String {
+    if lanes.is_empty() {
+        return String::new();
+    }
+    let labels = lanes.iter().map(|(label, _)| label.as_str());
     let label_width = labels
-        .iter()
+        .chain(free)
         .map(|label| label.chars().count())
-        .fold(4, usize::max);
+        .fold(0, usize::max);
     let cells = columns
         .clamp(LEAST_COLUMNS, MOST_COLUMNS)
         .saturating_sub(label_width + 3)
@@ -55,14 +69,14 @@ pub fn chart(timetable: &Timetable, columns: usize) -> String {
         cells,
     };
     let mut of_row = vec![0; timetable.slots().len()];
-    for (place, row) in rows.iter().enumerate() {
-        for &slot in &row.slots {
+    for (place, (_, slots)) in lanes.iter().enumerate() {
+        for &slot in slots {
             if let Some(of_row) = of_row.get_mut(slot) {
                 *of_row = place;
             }
         }
     }
-    let mut shares = vec![vec![0; cells]; rows.len()];
+    let mut shares = vec![vec![0; cells]; lanes.len()];
     for one in &activations {
         if let Some(shares) = of_row.get(one.slot).and_then(|&row| shares.get_mut(row)) {
             let [from_us, to_us] =
@@ -70,19 +84,18 @@ pub fn chart(timetable: &Timetable, columns: usize) -> String {
             scale.add(from_us, to_us, shares);
         }
     }
-    let mut free = vec![0; cells];
-    for gap in gaps(&activations, window.start_us, window.end_us()) {
-        scale.add(
-            gap.start_us,
-            gap.start_us.saturating_add(gap.length_us),
-            &mut free,
-        );
-    }
     let mut text = format!("\n{}:\n", timetable.describe(&window));
-    for (label, shares) in labels.iter().zip(&shares) {
+    for ((label, _), shares) in lanes.iter().zip(&shares) {
         let _ = writeln!(text, "{label:>label_width$} │{}│", scale.bars(shares));
     }
-    let _ = writeln!(text, "{:>label_width$} │{}│", "free", scale.bars(&free));
+    if let Some(label) = free {
+        let mut free = vec![0; cells];
+        for gap in gaps(&activations, window.start_us, window.end_us()) {
+            let end_us = gap.start_us.saturating_add(gap.length_us);
+            scale.add(gap.start_us, end_us, &mut free);
+        }
+        let _ = writeln!(text, "{label:>label_width$} │{}│", scale.bars(&free));
+    }
     let (unit, numbers) = scale.axis();
     let _ = writeln!(text, "{unit:>label_width$}  {numbers}");
     text

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use esm_link::features::Feature;
 use esm_link::message::{LinkError, Mode, Status, Swap};
+use esm_link::selftest::Measures;
 
 use super::missions::{
     BODY_NAME, CLOCK_NAME, Measured, OVER_MS, Parts, STANDS_MS, TASKS_NAME, Texts,
@@ -22,7 +23,7 @@ use crate::reading::mode_words;
 use crate::run::mission::Mission;
 use crate::run::story;
 use crate::selftest::Finding;
-use crate::selftest::board::{self, ClockLook, Kept};
+use crate::selftest::board::{self, ClockLook, Kept, RateTried};
 use crate::selftest::body::{self, SonarSample};
 use crate::selftest::wheels::{self, Seen, WheelSample};
 use crate::values::{Catalogue, Reading, Subscription, Told, Watched};
@@ -35,6 +36,14 @@ const ACTIVATIONS: u32 = 10_000;
 /// Robot time within which they must be there, and requests between two looks whether they are.
 const ACTIVATIONS_LIMIT: Duration = Duration::from_secs(60);
 const REQUESTS_AT_ONCE: u64 = 20;
+
+/// Rates of a line that are tried, in baud.
+const RATES: [u32; 5] = [9_600, 57_600, 230_400, 460_800, 921_600];
+/// How long the robot's end has another rate, how long a change may take it (it is done between
+/// slots), and how long it is asked meanwhile.
+const RATE_TIME: Duration = Duration::from_millis(2_000);
+const RATE_CHANGE: Duration = Duration::from_millis(250);
+const RATE_ANSWERS: Duration = Duration::from_millis(1_200);
 
 /// How often the clock is asked at the beginning, and at the end.
 const CLOCK_LOOKS: usize = 8;
@@ -138,6 +147,7 @@ impl<'r> Examination<'r> {
         // Whatever it does now, it stands while it is looked at.
         self.robot.stop()?;
         let keeps = self.robot.built_in()?.features.has(Feature::Store);
+        self.other_rates()?;
         let mut mission_kept = self.slots()?;
         if mission_kept == Kept::No {
             let why = "not measured: the robot takes no mission as long as its flash takes none";
@@ -166,11 +176,108 @@ impl<'r> Examination<'r> {
         let known = boards::find(&self.info.board).ok();
         let room = known.and_then(|board| board.firmware?.stack_bytes);
         self.findings.push(board::stack(status.stack_bytes, room));
-        self.findings.push(Finding::not_measured(
-            "critical_section",
-            "not measured by this board; one that masks the slot timer would show in `slots.late`",
-        ));
+        self.critical_section()
+    }
+
+    /// The longest critical section, of all that was done until now.
+    fn critical_section(&mut self) -> Result<(), CommandError> {
+        let measured = match self.measures()? {
+            Some(measures) => measures.critical_section_ns,
+            None => None,
+        };
+        self.findings.push(match measured {
+            Some(longest_ns) => board::critical_section(f64::from(longest_ns) / 1e3),
+            None => Finding::not_measured(
+                "critical_section",
+                "not measured by this board; one that masks the slot timer would show in `slots.late`",
+            ),
+        });
         Ok(())
+    }
+
+    /// What the board has measured of itself, where it does.
+    fn measures(&mut self) -> Result<Option<Measures>, CommandError> {
+        match self.robot.built_in()?.features.has(Feature::Selftest) {
+            true => Ok(Some(self.robot.measures()?)),
+            false => Ok(None),
+        }
+    }
+
+    /// Other rates of the line, while the robot is stopped.
+    fn other_rates(&mut self) -> Result<(), CommandError> {
+        let own = self.measures()?.and_then(|it| it.baud).zip(self.baud);
+        let why = match own {
+            Some((own, baud)) if own == baud => None,
+            Some((own, _)) => Some(format!(
+                "not measured: the board says that its line has {own} baud, and this computer has another rate"
+            )),
+            None => Some("not measured: the line of this board has one rate, or none".to_owned()),
+        };
+        if let Some(why) = why {
+            let row = Finding::not_measured("line.other_rates", why);
+            self.findings.push(row);
+            return Ok(());
+        }
+        let own = self.baud.unwrap_or_default();
+        let mut tried = Vec::new();
+        for baud in RATES.into_iter().filter(|baud| *baud != own) {
+            tried.extend(self.tried_rate(baud, own)?);
+        }
+        self.findings.extend(board::other_rates(own, &tried));
+        Ok(())
+    }
+
+    /// Tries a rate; none where one of both ends cannot have it. Whatever comes of it, both ends
+    /// have their own again.
+    fn tried_rate(&mut self, baud: u32, own: u32) -> Result<Option<RateTried>, CommandError> {
+        match self.robot.try_rate(baud, RATE_TIME) {
+            Ok(()) => {}
+            Err(error) if error.refusal() == Some(LinkError::NotBuiltIn) => return Ok(None),
+            Err(error) => return Err(error.into()),
+        }
+        let clock = self.robot.clock().clone();
+        let begun = clock.now();
+        clock.pause(RATE_CHANGE);
+        let here = self.robot.set_rate(baud);
+        let tried = match here {
+            Ok(()) => self.ask_at_rate(baud, begun).map(Some),
+            Err(_) => Ok(None),
+        };
+        // The robot has its own again by itself.
+        clock.pause((RATE_TIME + RATE_CHANGE * 2).saturating_sub(clock.since(begun)));
+        self.robot.limit_waits(None);
+        let back = self.robot.set_rate(own);
+        let tried = tried?;
+        if tried.is_some() {
+            back.map_err(|error| {
+                CommandError::World(anyhow!("the line does not take its own rate back: {error}"))
+            })?;
+        }
+        Ok(tried)
+    }
+
+    /// Asks at another rate, as long as the robot has it.
+    fn ask_at_rate(&mut self, baud: u32, begun: Instant) -> Result<RateTried, CommandError> {
+        let clock = self.robot.clock().clone();
+        self.robot.limit_waits(Some(RATE_ANSWERS));
+        // How long an answer takes at this rate is learnt by the first, which counts only where it
+        // does not come.
+        let mut unanswered = u64::from(self.robot.robot_us().is_err());
+        let bad_before = self.bad_frames();
+        let mut requests = unanswered;
+        while clock.since(begun) < RATE_CHANGE + RATE_ANSWERS && unanswered == 0 {
+            requests += 1;
+            match self.robot.robot_us() {
+                Ok(_) => {}
+                Err(error @ (ClientError::Interrupted { .. } | ClientError::Line(_))) => {
+                    return Err(error.into());
+                }
+                Err(_) => unanswered = 1,
+            }
+        }
+        let frames = 2 * requests;
+        let bad = (self.bad_frames() - bad_before).max(unanswered);
+        Ok(RateTried { baud, frames, bad })
     }
 
     /// The robot stands, and has the mission that it had.
@@ -229,7 +336,7 @@ impl<'r> Examination<'r> {
         let bad = self.bad_frames() - frames.bad_before;
         // A request and its answer.
         let all = 2 * frames.requests;
-        self.findings.extend(board::line(all, bad, self.baud));
+        self.findings.push(board::line(all, bad, self.baud));
         self.leave()?;
         Ok(kept)
     }
@@ -262,10 +369,15 @@ impl<'r> Examination<'r> {
         let begun = clock.now();
         loop {
             self.ask_at_once(frames)?;
-            self.require_running()?;
-            let counters = self.robot.slot_counters(0)?;
-            frames.requests += 2;
-            if counters.executed >= ACTIVATIONS || clock.since(begun) > ACTIVATIONS_LIMIT {
+            let executed = self.require_running()?.executed;
+            frames.requests += 1;
+            // The interpreter's slot answers what is counted of slots, and its macro step is late
+            // for it: so that is asked where all slots together have executed enough.
+            let is_enough = executed >= ACTIVATIONS && {
+                frames.requests += 1;
+                self.robot.slot_counters(0)?.executed >= ACTIVATIONS
+            };
+            if is_enough || clock.since(begun) > ACTIVATIONS_LIMIT {
                 return Ok(());
             }
         }

@@ -1,14 +1,15 @@
 //! `esm system run`: all processors of a robot at once.
 
-use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
 use clap::Args;
-use serde::Serialize;
 
 use super::loaded::Loaded;
+use super::summary::{Summary, lines, summaries, words};
+use super::then::ThenOn;
+use super::{partners, recordings};
 use crate::boards;
 use crate::cli::argument::Time;
 use crate::cli::console::{self, Console};
@@ -16,9 +17,9 @@ use crate::cli::exit::CommandError;
 use crate::cli::mission::Audience;
 use crate::cli::{file, stage};
 use crate::host_board::{self, RobotMaker};
-use crate::host_run::{Ended, RunMission};
+use crate::host_run::{Ended, Planned, RunMission};
 use crate::medium::PS_IN_US;
-use crate::medium::clock::Clock;
+use crate::medium::clock::{Clock, Life};
 use crate::plant::{BodyParameters, Plant};
 use crate::qemu::firmware;
 use crate::run::drive::DEFAULT_SEED;
@@ -26,7 +27,6 @@ use crate::run::interrupt::Interrupt;
 use crate::system::declaration::System;
 use crate::system::lock_step::Member;
 use crate::system::merged_trace::{self, ProcessorTrace};
-use crate::system::wiring::Sent;
 use crate::system_run::{self, Plan, SystemError};
 
 /// Runs all processors of a robot at once, around one simulated body
@@ -40,7 +40,9 @@ use crate::system_run::{self, Plan, SystemError};
 Examples:
   esm system run robot.system --until '60 s'
   esm system run robot.system --world corridor --trace robot.jsonl --json
-  esm system run robot.system --trace - --until '5 s' | jq 'select(.processor == \"head\")'")]
+  esm system run robot.system --trace - --until '5 s' | jq 'select(.processor == \"head\")'
+  esm system run robot.system --then '5 s head other_head.esm' --then '7 s base other_base.esm' --warm
+  esm system run robot.system --record robot.recs --until '60 s'")]
 pub struct RunArgs {
     /// The system file
     #[arg(value_name = "FILE")]
@@ -67,45 +69,23 @@ pub struct RunArgs {
     #[arg(long, value_name = "TIME")]
     pub estop: Option<Time>,
 
+    /// Uploads another mission to one of the processors at that plant time, while the robot moves;
+    /// may be given several times
+    #[arg(long, value_name = "'TIME PROCESSOR FILE'")]
+    pub then: Vec<ThenOn>,
+
+    /// What one mission has in common with the next goes on as it is, as with `esm upload --warm`
+    #[arg(long, requires = "then")]
+    pub warm: bool,
+
+    /// Keeps what enters the interpreter of each processor, what receives frames included, in this
+    /// folder, to be run again with `esm system replay`
+    #[arg(long, value_name = "DIR")]
+    pub record: Option<PathBuf>,
+
     /// One JSON object with the figures of the run, for programs
     #[arg(long)]
     pub json: bool,
-}
-
-/// A run in figures.
-#[derive(Serialize)]
-struct Summary {
-    world: String,
-    plant_time_s: f64,
-    distance_m: f64,
-    collisions: u32,
-    rooms_entered: Vec<String>,
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    interrupted: bool,
-    processors: Vec<ProcessorSummary>,
-    lines: Vec<LineSummary>,
-}
-
-/// What one end of a line has sent.
-#[derive(Serialize)]
-struct LineSummary {
-    from: String,
-    to: String,
-    frames: u64,
-    /// By how much the first bit of any of them was later than its start, at most.
-    latest_us: f64,
-}
-
-/// A processor's part of it.
-#[derive(Serialize)]
-struct ProcessorSummary {
-    processor: String,
-    mission: String,
-    board: String,
-    macro_steps: u64,
-    transitions: u64,
-    fault: Option<String>,
-    finished_s: Option<f64>,
 }
 
 /// Runs the command. `robot` is what each board has.
@@ -125,6 +105,7 @@ pub fn execute(
     }
     let interrupt = Interrupt::take_over()?;
     let mut loaded = Loaded::load(&args.file)?;
+    loaded.exchange(&args.then)?;
     let audience = match args.json && loaded.counts().0 > 0 {
         true => Audience::Program,
         false => Audience::Person,
@@ -136,7 +117,7 @@ pub fn execute(
     let Some(system) = loaded.system.take() else {
         return Err(CommandError::Told);
     };
-    keep_files(args, &loaded)?;
+    keep_files(args, &system, &loaded)?;
     let world = match (&args.world, loaded.world.take()) {
         (None, Some(world)) => world,
         (asked, _) => stage::world(asked.as_deref(), Some(&args.file))?,
@@ -144,8 +125,10 @@ pub fn execute(
     let world_name = world.name.clone();
     let plant = Plant::new(world, BodyParameters::default(), args.seed)
         .map_err(|error| CommandError::Input(error.into()))?;
-    let processors = processors(&system, &mut loaded, console)?;
-    let clocks: Vec<Clock> = processors.iter().map(|it| it.member.clock).collect();
+    let processors = processors(&system, &mut loaded, args, console)?;
+    let lives: Vec<(usize, Member)> = (processors.iter())
+        .map(|it| (it.index, it.member.clone()))
+        .collect();
     let plan = Plan {
         robot,
         processors,
@@ -159,9 +142,11 @@ pub fn execute(
         Some(path) if !trace_to_standard_output => Some(file::create(path, "trace")?),
         _ => None,
     };
-    let names: Vec<&str> = (system.processors.iter())
-        .map(|it| it.name.text.as_str())
-        .collect();
+    let name = |(index, _): &(usize, Member)| {
+        let processor = system.processors.get(*index);
+        processor.map_or("", |it| it.name.text.as_str())
+    };
+    let names: Vec<&str> = lives.iter().map(name).collect();
     let is_quiet = args.json || trace_to_standard_output;
     let mut failed = None;
     let mut end_us = args.until.us;
@@ -187,9 +172,14 @@ pub fn execute(
     if let Some(error) = failed {
         return Err(error);
     }
-    let traces: Vec<ProcessorTrace<'_>> = (outcome.processors.iter().zip(&clocks).zip(&names))
-        .filter_map(|((ended, clock), name)| trace_of(ended.as_ref()?, *clock, name))
+    let traces: Vec<ProcessorTrace<'_>> = (outcome.processors.iter().zip(&lives).zip(&names))
+        .filter_map(|((ended, (_, member)), name)| {
+            trace_of(ended.as_ref()?, member.life.clock, name)
+        })
         .collect();
+    if let Some(folder) = &args.record {
+        recordings::write(folder, &system, &lives, &outcome.processors)?;
+    }
     let unwritten = |error: merged_trace::MergeError| CommandError::World(error.into());
     if let Some(mut out) = trace {
         merged_trace::write(&traces, &mut out).map_err(unwritten)?;
@@ -206,8 +196,9 @@ pub fn execute(
         collisions: outcome.plant.collisions(),
         rooms_entered: outcome.plant.statistics().rooms_entered().to_vec(),
         interrupted: end_us < args.until.us,
-        processors: summaries(&system, &outcome.processors),
+        processors: summaries(&system, &lives, &outcome.processors),
         lines: lines(&system, &outcome.traffic),
+        links: partners::summaries(&system, &lives, &outcome, end_us),
     };
     if args.json {
         console.json_line(&summary)?;
@@ -229,11 +220,14 @@ pub fn execute(
 }
 
 /// Refuses an output in the place of what the run is made of.
-fn keep_files(args: &RunArgs, loaded: &Loaded) -> Result<(), CommandError> {
+fn keep_files(args: &RunArgs, system: &System, loaded: &Loaded) -> Result<(), CommandError> {
+    if let Some(folder) = &args.record {
+        recordings::make_folder(folder, system)?;
+    }
     let Some(trace) = args.trace.as_deref().filter(|path| *path != Path::new("-")) else {
         return Ok(());
     };
-    let missions = loaded.missions.iter().flatten().map(|it| it.path.as_path());
+    let missions = loaded.all_missions().map(|it| it.path.as_path());
     let inputs = missions
         .chain([args.file.as_path()])
         .chain(args.world.as_deref());
@@ -241,14 +235,19 @@ fn keep_files(args: &RunArgs, loaded: &Loaded) -> Result<(), CommandError> {
     file::has_folder(trace, "trace")
 }
 
-/// The processors, each with what it has of the body.
+/// The processors, each with what it has of the body, and anew behind each reset within the run.
 fn processors(
     system: &System,
     loaded: &mut Loaded,
+    args: &RunArgs,
     console: &mut Console,
 ) -> Result<Vec<system_run::Processor>, CommandError> {
+    let records = args.record.is_some();
+    let until_ps = args.until.us.saturating_mul(PS_IN_US);
     let mut processors = Vec::new();
-    for (processor, mission) in system.processors.iter().zip(&mut loaded.missions) {
+    for (index, (processor, mission)) in
+        (system.processors.iter().zip(&mut loaded.missions)).enumerate()
+    {
         let name = &processor.name.text;
         // One without a blob has errors, which were told.
         let blob = mission
@@ -257,7 +256,7 @@ fn processors(
         let (blob, path) = blob.ok_or(CommandError::Told)?;
         let emulated = match &processor.board {
             Some(board) if board.text != host_board::BOARD => {
-                Some(emulated(name, &board.text, path, console)?)
+                Some(emulated(name, &board.text, path, records, console)?)
             }
             _ => None,
         };
@@ -265,14 +264,83 @@ fn processors(
             .file_stem()
             .map_or_else(|| name.into(), |stem| stem.to_string_lossy());
         let mission = RunMission::new(&title, blob).map_err(|it| CommandError::Input(it.into()))?;
-        let clock = Clock::new(processor.start_us * PS_IN_US, processor.drift_ppb);
-        processors.push(system_run::Processor {
-            member: Member { mission, clock },
-            pins: processor.pins.clone(),
-            emulated,
-        });
+        let lives = processor.lives().into_iter();
+        for life in lives.filter(|it| it.from_ps < until_ps.max(1)) {
+            processors.push(system_run::Processor {
+                index,
+                member: Member {
+                    mission: mission.clone(),
+                    then: Vec::new(),
+                    life,
+                },
+                pins: processor.pins.clone(),
+                emulated: emulated.clone(),
+            });
+        }
+    }
+    // In the order of their times.
+    for (at_us, index, mission) in &mut loaded.then {
+        let blob = mission.blob.take().ok_or(CommandError::Told)?;
+        let title = mission.path.file_stem().unwrap_or_default();
+        let taken = RunMission::new(&title.to_string_lossy(), blob)
+            .map_err(|it| CommandError::Input(it.into()))?;
+        let at_ps = at_us.saturating_mul(PS_IN_US);
+        for processor in processors.iter_mut().filter(|it| it.index == *index) {
+            take_over(processor, at_ps, (&mission.path, &taken), args.warm)?;
+        }
     }
     Ok(processors)
+}
+
+/// Lets a mission take over on a processor at a plant time. One that is reset after it begins anew
+/// with that mission.
+fn take_over(
+    processor: &mut system_run::Processor,
+    at_ps: u64,
+    (path, mission): (&Path, &RunMission),
+    warm: bool,
+) -> Result<(), CommandError> {
+    let member = &mut processor.member;
+    let Life {
+        clock,
+        from_ps,
+        to_ps,
+    } = member.life;
+    if at_ps >= to_ps {
+        return Ok(());
+    }
+    let wires = |mission: &RunMission| -> Vec<(String, u32, u8)> {
+        let links = mission.links.iter();
+        links
+            .map(|it| (it.name.clone(), it.rate_bps, it.bits))
+            .collect()
+    };
+    // A link is known by its number, and a cable stays where it is.
+    if wires(mission) != wires(&member.mission) {
+        return Err(CommandError::Input(anyhow!(
+            "{} has other links than `{}`, from which it takes over: declare the same ones in the same order, each with its rate and the bits of a byte; the frames may be others",
+            path.display(),
+            member.mission.name
+        )));
+    }
+    let emulated = processor.emulated.as_mut();
+    if at_ps <= from_ps && from_ps > 0 {
+        // It was taken over before the reset, or is what comes next.
+        member.mission = mission.clone();
+        if let Some(emulated) = emulated {
+            emulated.missions = vec![path.to_owned()];
+        }
+        return Ok(());
+    }
+    member.then.push(Planned {
+        at_us: clock.local_us(at_ps),
+        mission: mission.clone(),
+        warm,
+    });
+    if let Some(emulated) = emulated {
+        emulated.missions.push(path.to_owned());
+    }
+    Ok(())
 }
 
 /// The emulated board of a processor.
@@ -280,6 +348,7 @@ fn emulated(
     name: &str,
     board: &str,
     mission: &Path,
+    records: bool,
     console: &mut Console,
 ) -> Result<system_run::Emulated, CommandError> {
     let board = boards::find(board).map_err(|it| CommandError::Input(it.into()))?;
@@ -295,7 +364,8 @@ fn emulated(
     Ok(system_run::Emulated {
         board,
         firmware,
-        mission: mission.to_owned(),
+        missions: vec![mission.to_owned()],
+        records,
     })
 }
 
@@ -303,84 +373,7 @@ fn trace_of<'t>(ended: &'t Ended, clock: Clock, name: &'t str) -> Option<Process
     Some(ProcessorTrace {
         name,
         clock,
-        start_us: ended.told.missions.first()?.start_us,
+        starts_us: ended.told.missions.iter().map(|it| it.start_us).collect(),
         lines: std::str::from_utf8(&ended.told.out).ok()?,
     })
-}
-
-fn summaries(system: &System, ended: &[Option<Ended>]) -> Vec<ProcessorSummary> {
-    let mut summaries = Vec::new();
-    for (processor, ended) in system.processors.iter().zip(ended) {
-        let told = ended.as_ref().map(|it| &it.told);
-        let board = processor.board.as_ref().map(|it| it.text.clone());
-        summaries.push(ProcessorSummary {
-            processor: processor.name.text.clone(),
-            mission: processor.mission.text.clone(),
-            board: board.unwrap_or_else(|| host_board::BOARD.to_owned()),
-            macro_steps: told.map_or(0, |it| it.counts.macro_steps),
-            transitions: told.map_or(0, |it| it.counts.transitions),
-            fault: told.and_then(|it| it.fault.clone()),
-            finished_s: told.and_then(|it| Some(it.finished_us? as f64 / 1e6)),
-        });
-    }
-    summaries
-}
-
-fn lines(system: &System, traffic: &[Option<[Sent; 2]>]) -> Vec<LineSummary> {
-    let mut lines = Vec::new();
-    for (link, sent) in system.links.iter().zip(traffic) {
-        let names = link.ends.each_ref().map(|end| {
-            let processor = system.processors.get(end.processor);
-            let processor = processor.map_or("", |it| it.name.text.as_str());
-            format!("{processor}.{}", end.link)
-        });
-        let [first, second] = names;
-        let Some([there, back]) = sent else {
-            continue;
-        };
-        for (from, to, sent) in [(&first, &second, there), (&second, &first, back)] {
-            lines.push(LineSummary {
-                from: from.clone(),
-                to: to.clone(),
-                frames: sent.count,
-                latest_us: sent.latest_ps as f64 / PS_IN_US as f64,
-            });
-        }
-    }
-    lines
-}
-
-fn words(summary: &Summary) -> String {
-    let mut text = String::new();
-    let rooms = match &summary.rooms_entered[..] {
-        [] => "none".to_owned(),
-        rooms => rooms.join(", "),
-    };
-    // Writing to a string does not fail.
-    let _ = writeln!(
-        text,
-        "world {}, {:.1} s{}: {:.2} m, {} collisions, rooms {rooms}",
-        summary.world,
-        summary.plant_time_s,
-        if summary.interrupted {
-            " (interrupted)"
-        } else {
-            ""
-        },
-        summary.distance_m,
-        summary.collisions,
-    );
-    for it in &summary.processors {
-        let end = match (&it.fault, it.finished_s) {
-            (Some(fault), _) => format!(", ended early: {fault}"),
-            (None, Some(finished_s)) => format!(", finished at {finished_s:.3} s"),
-            (None, None) => String::new(),
-        };
-        let _ = writeln!(
-            text,
-            "  {} ({} on {}): {} macro steps, {} transitions{end}",
-            it.processor, it.mission, it.board, it.macro_steps, it.transitions
-        );
-    }
-    text
 }

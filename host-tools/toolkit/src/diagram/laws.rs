@@ -9,6 +9,7 @@ use super::grid::{Area, Spot};
 use super::wires;
 use super::{Options, draw, lay_out};
 use crate::model::{Model, PathEnd, Source, StateKind, Target};
+use crate::test_golden;
 
 /// A column (true) or row of the raster.
 type Track = (bool, i32);
@@ -1021,18 +1022,9 @@ fn corners_of_a_straight_line_are_its_ends() {
     );
 }
 
-/// Compares with a picture that was looked at once. `ESM_BLESS=1` writes it anew, to be looked at
-/// again.
 fn assert_golden(path: &str, model: &Model, options: &Options) {
     let found = draw(model, options).unwrap().to_svg();
-    if std::env::var_os("ESM_BLESS").is_some() {
-        std::fs::write(path, &found).unwrap();
-    }
-    let expected = std::fs::read_to_string(path).unwrap();
-    assert!(
-        expected == found,
-        "{path} differs: look at it with ESM_BLESS=1"
-    );
+    test_golden::assert_golden(path, found.as_bytes());
 }
 
 #[test]

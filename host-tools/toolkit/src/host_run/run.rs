@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use esm_core::Verified;
-use esm_link::message::{Channel, Request};
+use esm_link::message::{Channel, Request, Response};
 use esm_link::trace::TraceEvent;
 use rt_firmware::Sides;
 use rt_firmware::body::{Actuators, PinImage, SONARS};
@@ -69,8 +69,8 @@ impl RunMission {
         Ok(RunMission {
             name: name.to_owned(),
             hash: verified.hash(),
+            links: WiredLink::of(&tables, &directory),
             directory,
-            links: WiredLink::of(&tables),
             durations_us: tables.slots().map(|slot| slot.duration_us).collect(),
             nets: nets_of(&verified)?,
             calls,
@@ -190,6 +190,8 @@ pub struct Ended {
     pub recording: Vec<u8>,
     /// The plant as it was then.
     pub plant: Plant,
+    /// Slot activations that did not start within their period.
+    pub slots_missed: u64,
 }
 
 /// A run that goes on as far as it is told to.
@@ -396,10 +398,7 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
                 self.take_in()?;
                 return Ok(false);
             };
-            if let Some(next) = self.missions.get(self.brought)
-                && next_us >= next.at_us
-            {
-                self.bring(While::Standing)?;
+            if self.bring_what_is_due()? {
                 continue;
             }
             if next_us > robot_us {
@@ -407,6 +406,21 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
             }
             self.pass_slot()?;
         }
+    }
+
+    /// Brings the next mission to the robot where that is to take over before the next slot.
+    /// Answers whether it did: then another slot may be the next.
+    ///
+    /// # Errors
+    /// [`RunError`]
+    pub fn bring_what_is_due(&mut self) -> Result<bool, RunError> {
+        let next_us = self.life.next_robot_us();
+        let next = self.missions.get(self.brought);
+        let is_due = next.is_some_and(|next| next_us >= next.at_us);
+        if is_due {
+            self.bring(While::Standing)?;
+        }
+        Ok(is_due)
     }
 
     /// Robot time that has passed, in microseconds.
@@ -431,6 +445,18 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
     pub fn finish(mut self) -> Result<Ended, RunError> {
         self.life.serve(&mut self.port);
         self.take_in()?;
+        let missed = |response: Response<'_>| match response {
+            Response::Status(status) => Some(u64::from(status.missed)),
+            _ => None,
+        };
+        let board = (&mut self.life, &mut self.port);
+        let slots_missed = (self.session).ask(
+            board,
+            While::Standing,
+            "say how it is",
+            Request::Status,
+            missed,
+        )?;
         let steps = self.story.steps();
         let end_us = match self.story.fault() {
             None => self.until_us,
@@ -444,6 +470,7 @@ impl<'p, 'q, 'm, B: Behind> HostRun<'p, 'q, 'm, B> {
             told,
             recording,
             plant: self.life.plant().at_end(),
+            slots_missed,
         })
     }
 

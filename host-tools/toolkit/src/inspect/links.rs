@@ -30,7 +30,7 @@ pub struct LinkRow {
 }
 
 /// A frame.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FrameRow {
     /// Its name.
     pub frame: String,
@@ -56,7 +56,7 @@ pub struct FrameRow {
 }
 
 /// The links of a blob.
-pub(super) fn rows(tables: &Tables<'_>) -> Vec<LinkRow> {
+pub(crate) fn rows(tables: &Tables<'_>) -> Vec<LinkRow> {
     let of_link = |(index, link): (usize, &Link)| LinkRow {
         link: name(tables, link),
         rate_bps: link.rate_bps.get(),
@@ -73,7 +73,7 @@ pub(super) fn rows(tables: &Tables<'_>) -> Vec<LinkRow> {
 }
 
 /// The name of a link: what its dispatchers' names begin with.
-pub(crate) fn name(tables: &Tables<'_>, link: &Link) -> String {
+fn name(tables: &Tables<'_>, link: &Link) -> String {
     let task = link.transmit.index().or(link.receive.index());
     let task = task.and_then(|task| tables.task(task));
     let name = task.map_or_else(String::new, |task| readable(task.signature.name()));

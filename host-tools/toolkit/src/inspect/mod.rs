@@ -28,7 +28,7 @@ use reader::{Reader, readable};
 
 use crate::superstates::superstates;
 
-pub(crate) use links::name as link_name;
+pub(crate) use links::rows as link_rows;
 pub use links::{FrameRow, LinkRow};
 pub use source::{NoSource, source};
 

@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 
 use super::chance::{Chance, Fate};
-use super::clock::Clock;
+use super::clock::{Clock, Life};
 use super::plant_time::{Cut, PS_IN_S, is_cut};
 
 /// Bits of an identifier.
@@ -56,6 +56,8 @@ pub enum SendError {
 #[derive(Clone, Debug)]
 struct Waiting {
     ready_ps: u64,
+    /// Its node is reset then.
+    until_ps: u64,
     node: usize,
     identifier: u32,
     data: Vec<u8>,
@@ -77,7 +79,7 @@ pub struct Heard {
 pub struct Bus {
     settings: BusSettings,
     fate: Fate,
-    clocks: Vec<Clock>,
+    nodes: Vec<Life>,
     /// In the order in which they were given.
     waiting: Vec<Waiting>,
     heard: Vec<VecDeque<(u64, u32, Vec<u8>)>>,
@@ -93,9 +95,16 @@ impl Bus {
             settings,
             fate,
             heard: vec![VecDeque::new(); clocks.len()],
-            clocks,
+            nodes: clocks.into_iter().map(Life::whole).collect(),
             waiting: Vec::new(),
             free_ps: 0,
+        }
+    }
+
+    /// A node is from now on the processor as it is between two resets.
+    pub fn set_node(&mut self, node: usize, life: Life) {
+        if let Some(of_node) = self.nodes.get_mut(node) {
+            *of_node = life;
         }
     }
 
@@ -110,15 +119,21 @@ impl Bus {
         identifier: u32,
         data: &[u8],
     ) -> Result<(), SendError> {
-        let clock = self.clocks.get(node).ok_or(SendError::Node)?;
+        let life = self.nodes.get(node).ok_or(SendError::Node)?;
         if identifier >> IDENTIFIER_BITS != 0 {
             return Err(SendError::Identifier);
         }
         if data.len() > MAX_DATA_BYTES {
             return Err(SendError::Data);
         }
+        let ready_ps = life.clock.plant_ps(start_us);
+        if ready_ps >= life.to_ps {
+            // It is reset before.
+            return Ok(());
+        }
         self.waiting.push(Waiting {
-            ready_ps: clock.plant_ps(start_us),
+            ready_ps,
+            until_ps: life.to_ps,
             node,
             identifier,
             data: data.to_vec(),
@@ -134,20 +149,34 @@ impl Bus {
             if begins_ps >= plant_ps {
                 break;
             }
+            // One that waited for the bus when its node was reset is gone.
+            self.waiting.retain(|it| it.until_ps > begins_ps);
             let ready = (self.waiting.iter().enumerate()).filter(|it| it.1.ready_ps <= begins_ps);
             let Some((first, _)) = ready.min_by_key(|(_, it)| it.identifier) else {
-                break;
+                continue;
             };
             let frame = self.waiting.remove(first);
-            self.transmit(begins_ps, frame);
+            // Who sends the same identifier at the same time has won as well: both go on, and the
+            // first bit in which they differ damages both.
+            let is_twin = |it: &Waiting| {
+                it.identifier == frame.identifier
+                    && it.node != frame.node
+                    && it.ready_ps <= begins_ps
+            };
+            let is_damaged = (self.waiting.iter()).any(|it| is_twin(it) && it.data != frame.data);
+            self.waiting.retain(|it| !is_twin(it));
+            self.transmit(begins_ps, frame, is_damaged);
         }
     }
 
     /// The next frame that a node has heard by a time of its clock.
     pub fn take(&mut self, node: usize, until_us: u64) -> Option<Heard> {
-        let clock = *self.clocks.get(node)?;
+        let Life { clock, from_ps, .. } = *self.nodes.get(node)?;
+        let heard = self.heard.get_mut(node)?;
+        // What came before a reset is gone with it.
+        while heard.pop_front_if(|it| it.0 < from_ps).is_some() {}
         let there = |it: &mut (u64, u32, Vec<u8>)| clock.local_us(it.0) <= until_us;
-        let (at_ps, identifier, data) = self.heard.get_mut(node)?.pop_front_if(there)?;
+        let (at_ps, identifier, data) = heard.pop_front_if(there)?;
         Some(Heard {
             at_us: clock.local_us(at_ps),
             identifier,
@@ -155,7 +184,7 @@ impl Bus {
         })
     }
 
-    fn transmit(&mut self, begins_ps: u64, frame: Waiting) {
+    fn transmit(&mut self, begins_ps: u64, frame: Waiting, collides: bool) {
         let bits = frame_bits(frame.identifier, &frame.data);
         let rate = u128::from(self.settings.rate_bps.max(1));
         let after = |bits: u64| {
@@ -167,8 +196,10 @@ impl Bus {
         let noise = self.settings.noise;
         let is_damaged = (0..bits).fold(false, |damaged, _| self.fate.decide(noise) | damaged);
         if is_damaged
+            || collides
             || self.fate.decide(self.settings.loss)
             || is_cut(&self.settings.cuts, begins_ps, ends_ps)
+            || ends_ps > frame.until_ps
         {
             return;
         }
@@ -178,6 +209,14 @@ impl Bus {
             }
         }
     }
+}
+
+/// How many bits a frame with so many bytes of data takes at least, up to its end: without any that
+/// are stuffed in.
+#[must_use]
+pub const fn least_bits(data_bytes: u64) -> u64 {
+    const START_BITS: u64 = 1 + IDENTIFIER_BITS as u64 + 2 + 3 + 4;
+    START_BITS + CRC_BITS as u64 + END_BITS + 8 * data_bytes
 }
 
 /// How many bits a frame takes, up to its end.
@@ -267,6 +306,7 @@ mod tests {
             (0, &[0; 8], 128 + 15..=128 + 29),
         ] {
             let bits = frame_bits(identifier, data);
+            assert!(least_bits(data.len() as u64) <= bits);
             assert!(expected.contains(&bits), "{bits} {expected:?}");
         }
         // The checksum of the sequence of bits 1 is the polynomial.
@@ -310,6 +350,55 @@ mod tests {
         bus.advance_to(200 * PS_IN_US);
         let second = bus.take(1, u64::MAX).unwrap();
         assert!(second.at_us > first.at_us + 64);
+    }
+
+    #[test]
+    fn two_nodes_that_send_one_identifier_at_one_time_damage_each_other() {
+        let mut bus = bus(3);
+        // With other data; with equal data; one behind the other.
+        for (start_us, both) in [(1_000, [1, 2]), (2_000, [3, 3])] {
+            bus.send(0, start_us, 5, &[both[0]]).unwrap();
+            bus.send(1, start_us, 5, &[both[1]]).unwrap();
+        }
+        bus.send(0, 3_000, 5, &[4]).unwrap();
+        bus.send(1, 4_000, 5, &[5]).unwrap();
+        // What waits meanwhile has the bus next.
+        bus.send(2, 1_001, 9, &[9]).unwrap();
+        bus.advance_to(u64::MAX);
+        let data: Vec<u8> = std::iter::from_fn(|| bus.take(1, u64::MAX))
+            .map(|it| it.data[0])
+            .collect();
+        assert_eq!(data, [9, 3, 4]);
+        let data: Vec<u8> = std::iter::from_fn(|| bus.take(2, u64::MAX))
+            .map(|it| it.data[0])
+            .collect();
+        assert_eq!(data, [3, 4, 5]);
+    }
+
+    #[test]
+    fn a_node_that_is_reset_sends_nothing_more_and_has_heard_nothing() {
+        let life = |from_us: u64, to_us: u64| Life {
+            clock: Clock::new(from_us * PS_IN_US, 0),
+            from_ps: from_us * PS_IN_US,
+            to_ps: to_us * PS_IN_US,
+        };
+        let mut bus = bus(2);
+        bus.set_node(0, life(0, 1_000));
+        // The first is over before, the second is cut off, the third waits for it, the fourth would
+        // begin later.
+        for (start_us, identifier) in [(800, 1), (950, 2), (960, 3), (1_000, 4)] {
+            bus.send(0, start_us, identifier, &[0x55; 8]).unwrap();
+        }
+        bus.advance_to(2_000 * PS_IN_US);
+        bus.set_node(0, life(2_000, 9_000_000));
+        bus.send(0, 100, 5, &[]).unwrap();
+        bus.advance_to(9_000 * PS_IN_US);
+        let identifiers: Vec<u32> = heard(&mut bus, 1).into_iter().map(|it| it.1).collect();
+        assert_eq!(identifiers, [1, 5]);
+        bus.send(1, 10_000, 6, &[]).unwrap();
+        bus.advance_to(11_000 * PS_IN_US);
+        bus.set_node(0, life(12_000, 9_000_000));
+        assert_eq!(heard(&mut bus, 0), []);
     }
 
     #[test]

@@ -18,6 +18,12 @@ impl Chance {
             .contains(&probability)
             .then(|| Chance(libm::round(probability * WHOLE as f64) as u64))
     }
+
+    /// From 0 to 1.
+    #[must_use]
+    pub fn probability(self) -> f64 {
+        self.0 as f64 / WHOLE as f64
+    }
 }
 
 /// Decides what happens: SplitMix64 (Steele, Lea, Flood 2014).

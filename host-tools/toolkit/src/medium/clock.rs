@@ -51,6 +51,30 @@ impl Clock {
     }
 }
 
+/// A processor from one reset to the next: what it was given before is gone, and its clock begins
+/// anew.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Life {
+    /// Its clock.
+    pub clock: Clock,
+    /// What has arrived before this plant time is gone, in picoseconds.
+    pub from_ps: u64,
+    /// It ends here: nothing of it starts any more, and what is being sent ends within.
+    pub to_ps: u64,
+}
+
+impl Life {
+    /// One that neither begins nor ends within a run.
+    #[must_use]
+    pub fn whole(clock: Clock) -> Self {
+        Life {
+            clock,
+            from_ps: 0,
+            to_ps: u64::MAX,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 
 use super::chance::{Chance, Fate};
-use super::clock::Clock;
+use super::clock::{Clock, Life};
 use super::plant_time::{Cut, PS_IN_S, is_cut};
 
 /// Picoseconds in a nanosecond.
@@ -49,16 +49,24 @@ pub struct Sent {
     pub latest_ps: u64,
 }
 
+/// Something that is to be sent at once.
+#[derive(Clone, Debug)]
+struct Waiting {
+    start_ps: u64,
+    /// Its sender is reset then.
+    until_ps: u64,
+    bytes: Vec<u8>,
+}
+
 /// One direction of a line.
 #[derive(Clone, Debug)]
 pub struct Line {
     settings: LineSettings,
     fate: Fate,
-    /// The sender's clock, and the receiver's.
-    sender: Clock,
-    receiver: Clock,
+    sender: Life,
+    receiver: Life,
     /// What is to be sent, in the order of its starts in picoseconds of plant time.
-    waiting: VecDeque<(u64, Vec<u8>)>,
+    waiting: VecDeque<Waiting>,
     /// When the last bit is sent of all that was begun, in picoseconds of plant time.
     free_ps: u64,
     sent: Sent,
@@ -73,8 +81,8 @@ impl Line {
         Line {
             settings,
             fate,
-            sender,
-            receiver,
+            sender: Life::whole(sender),
+            receiver: Life::whole(receiver),
             waiting: VecDeque::new(),
             free_ps: 0,
             sent: Sent::default(),
@@ -82,9 +90,13 @@ impl Line {
         }
     }
 
-    /// One end has another clock from now on: its processor has begun anew.
-    pub fn set_clocks(&mut self, sender: Clock, receiver: Clock) {
+    /// Who sends from now on: the processor as it is between two resets.
+    pub fn set_sender(&mut self, sender: Life) {
         self.sender = sender;
+    }
+
+    /// Who receives from now on.
+    pub fn set_receiver(&mut self, receiver: Life) {
         self.receiver = receiver;
     }
 
@@ -94,15 +106,23 @@ impl Line {
         self.send_late(start_us, 0, bytes);
     }
 
-    /// The same of a sender that is late, by so many nanoseconds of its clock.
+    /// The same of a sender that is late, by so many nanoseconds of its clock. That is noted, and
+    /// moves nothing: else what is received in which activation would depend on how quick a sender
+    /// is, and no board would leave the trace of another.
     pub fn send_late(&mut self, start_us: u64, late_ns: u32, bytes: &[u8]) {
-        let start_ps = self.sender.plant_ps(start_us);
-        let late_ps = self.sender.stretched_ps(u128::from(late_ns) * PS_IN_NS);
-        let begins_ps = start_ps.saturating_add(late_ps);
-        let place = self
-            .waiting
-            .partition_point(|(at_ps, _)| *at_ps <= begins_ps);
-        self.waiting.insert(place, (begins_ps, bytes.to_vec()));
+        let start_ps = self.sender.clock.plant_ps(start_us);
+        if start_ps >= self.sender.to_ps {
+            // It is reset before.
+            return;
+        }
+        let late_ps = (self.sender.clock).stretched_ps(u128::from(late_ns) * PS_IN_NS);
+        let place = (self.waiting).partition_point(|it| it.start_ps <= start_ps);
+        let waiting = Waiting {
+            start_ps,
+            until_ps: self.sender.to_ps,
+            bytes: bytes.to_vec(),
+        };
+        self.waiting.insert(place, waiting);
         self.sent.count += 1;
         self.sent.latest_ps = self.sent.latest_ps.max(late_ps);
     }
@@ -115,12 +135,17 @@ impl Line {
 
     /// Begins all that starts by a plant time.
     fn begin_until(&mut self, plant_ps: u64) {
-        while let Some((start_ps, bytes)) = self.waiting.pop_front_if(|it| it.0 <= plant_ps) {
-            self.begin(start_ps, &bytes);
+        while let Some(waiting) = self.waiting.pop_front_if(|it| it.start_ps <= plant_ps) {
+            self.begin(&waiting);
         }
     }
 
-    fn begin(&mut self, start_ps: u64, bytes: &[u8]) {
+    fn begin(&mut self, waiting: &Waiting) {
+        let Waiting {
+            start_ps,
+            until_ps,
+            ref bytes,
+        } = *waiting;
         let begins_ps = start_ps.max(self.free_ps);
         let behind_ps = begins_ps - start_ps;
         self.sent.latest_ps = self.sent.latest_ps.max(behind_ps);
@@ -130,32 +155,38 @@ impl Line {
             let (from_ps, to_ps) = (sent(nth), sent(nth + 1));
             let byte = self.noisy(*byte);
             let is_gone = self.fate.decide(self.settings.byte_loss)
-                || is_cut(&self.settings.cuts, from_ps, to_ps);
+                || is_cut(&self.settings.cuts, from_ps, to_ps)
+                || to_ps > until_ps;
             if !is_lost && !is_gone {
                 let arrives_ps = to_ps.saturating_add(self.settings.delay_ps);
                 self.under_way.push_back((arrives_ps, byte));
             }
         }
-        self.free_ps = begins_ps.saturating_add(self.length_ps(bytes.len()));
+        let ends_ps = begins_ps.saturating_add(self.length_ps(bytes.len()));
+        // Who is reset falls silent.
+        self.free_ps = ends_ps.min(until_ps).max(self.free_ps);
     }
 
     /// Whether what starts before is still being sent at a time of the sender's clock, and for
     /// longer than so many bytes take.
     #[must_use]
     pub fn is_behind(&self, start_us: u64, bytes: usize) -> bool {
-        let start_ps = self.sender.plant_ps(start_us);
-        let before = self.waiting.iter().take_while(|it| it.0 <= start_ps);
-        let free_ps = before.fold(self.free_ps, |free_ps, (at_ps, bytes)| {
-            let length_ps = self.length_ps(bytes.len());
-            free_ps.max(*at_ps).saturating_add(length_ps)
+        let start_ps = self.sender.clock.plant_ps(start_us);
+        let before = (self.waiting.iter()).take_while(|it| it.start_ps <= start_ps);
+        let free_ps = before.fold(self.free_ps, |free_ps, it| {
+            let length_ps = self.length_ps(it.bytes.len());
+            free_ps.max(it.start_ps).saturating_add(length_ps)
         });
         free_ps > start_ps.saturating_add(self.length_ps(bytes))
     }
 
     /// The next byte that has arrived by a time of the receiver's clock, in the order of arrival.
     pub fn take(&mut self, until_us: u64) -> Option<ArrivedByte> {
-        let receiver = self.receiver;
+        let Life { clock, from_ps, .. } = self.receiver;
+        let receiver = clock;
         self.begin_until(receiver.plant_ps(until_us.saturating_add(1)));
+        // What came before a reset is gone with it.
+        while self.under_way.pop_front_if(|it| it.0 < from_ps).is_some() {}
         let arrived = |(at_ps, _): &mut (u64, u8)| receiver.local_us(*at_ps) <= until_us;
         let (at_ps, byte) = self.under_way.pop_front_if(arrived)?;
         let at_us = receiver.local_us(at_ps);
@@ -167,7 +198,7 @@ impl Line {
     fn length_ps(&self, bytes: usize) -> u64 {
         let bits = bytes as u128 * u128::from(self.settings.bits);
         let nominal_ps = bits * u128::from(PS_IN_S) / u128::from(self.settings.rate_bps.max(1));
-        self.sender.stretched_ps(nominal_ps)
+        self.sender.clock.stretched_ps(nominal_ps)
     }
 
     fn noisy(&mut self, byte: u8) -> u8 {
@@ -209,6 +240,33 @@ mod tests {
     }
 
     #[test]
+    fn who_is_reset_falls_silent_and_has_heard_nothing() {
+        // 10 bytes take 868 us.
+        let life = |from_us: u64, to_us: u64| Life {
+            clock: Clock::new(from_us * PS_IN_US, 0),
+            from_ps: from_us * PS_IN_US,
+            to_ps: to_us * PS_IN_US,
+        };
+        let mut line = line(settings());
+        line.set_sender(life(0, 1_500));
+        line.send(1_000, b"0123456789");
+        line.send(1_400, b"behind");
+        line.send(1_600, b"never");
+        assert_eq!(line.sent().count, 2);
+        // It begins anew 100 us later: 5 bytes were through, and the line is free.
+        line.set_sender(life(1_600, 9_000_000));
+        line.send(0, b"new");
+        let heard = all(&mut line);
+        let bytes: Vec<u8> = heard.iter().map(|it| it.1).collect();
+        assert_eq!(bytes, b"01234new");
+        assert_eq!(heard[5].0, 1_686);
+        // Who hears is reset: what came before is gone.
+        line.send(1_000, b"ab");
+        line.set_receiver(life(2_750, 9_000_000));
+        assert_eq!(all(&mut line), [(23, b'b')]);
+    }
+
+    #[test]
     fn bytes_arrive_at_the_lines_rate_one_behind_the_other() {
         let mut line = line(LineSettings {
             delay_ps: 200 * PS_IN_US,
@@ -239,8 +297,8 @@ mod tests {
         let mut line = line(settings());
         line.send_late(2_000, 3_000, b"b");
         line.send(1_000, b"a");
-        assert!(line.is_behind(2_010, 0) && !line.is_behind(2_000, 0));
-        assert_eq!(all(&mut line), [(1_086, b'a'), (2_089, b'b')]);
+        assert!(line.is_behind(2_010, 0) && !line.is_behind(1_999, 0));
+        assert_eq!(all(&mut line), [(1_086, b'a'), (2_086, b'b')]);
         let late = line.sent();
         assert_eq!((late.count, late.latest_ps), (2, 3 * PS_IN_US));
     }

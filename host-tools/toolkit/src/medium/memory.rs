@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::clock::Clock;
+use super::clock::{Clock, Life};
 
 /// What was written, and when.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -16,8 +16,8 @@ pub struct Written {
 /// One direction.
 #[derive(Clone, Debug)]
 pub struct SharedMemory {
-    writer: Clock,
-    reader: Clock,
+    writer: Life,
+    reader: Life,
     waiting: VecDeque<(u64, Vec<u8>)>,
 }
 
@@ -26,23 +26,40 @@ impl SharedMemory {
     #[must_use]
     pub fn new(writer: Clock, reader: Clock) -> Self {
         SharedMemory {
-            writer,
-            reader,
+            writer: Life::whole(writer),
+            reader: Life::whole(reader),
             waiting: VecDeque::new(),
         }
+    }
+
+    /// Who writes from now on: the processor as it is between two resets.
+    pub fn set_writer(&mut self, writer: Life) {
+        self.writer = writer;
+    }
+
+    /// Who reads from now on.
+    pub fn set_reader(&mut self, reader: Life) {
+        self.reader = reader;
     }
 
     /// Writes at a time of the writer's clock. What is given later may be written earlier, but not
     /// before what has been taken.
     pub fn write(&mut self, at_us: u64, bytes: &[u8]) {
-        let at_ps = self.writer.plant_ps(at_us);
+        let at_ps = self.writer.clock.plant_ps(at_us);
+        if at_ps >= self.writer.to_ps {
+            // It is reset before.
+            return;
+        }
         let place = self.waiting.partition_point(|(it_ps, _)| *it_ps <= at_ps);
         self.waiting.insert(place, (at_ps, bytes.to_vec()));
     }
 
     /// What was written next by a time of the reader's clock.
     pub fn take(&mut self, until_us: u64) -> Option<Written> {
-        let reader = self.reader;
+        let Life { clock, from_ps, .. } = self.reader;
+        let reader = clock;
+        // What came before a reset is gone with it.
+        while self.waiting.pop_front_if(|it| it.0 < from_ps).is_some() {}
         let there = |(at_ps, _): &mut (u64, Vec<u8>)| reader.local_us(*at_ps) <= until_us;
         let (at_ps, bytes) = self.waiting.pop_front_if(there)?;
         let at_us = reader.local_us(at_ps);

@@ -21,10 +21,11 @@
 //! ```
 
 pub mod axis;
+pub(crate) mod bars;
 mod curves;
 mod drive;
 pub mod font;
-mod palette;
+pub(crate) mod palette;
 mod path;
 mod png;
 mod recorder;
@@ -49,19 +50,8 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    /// Compares with a file that was looked at once. `ESM_BLESS=1` writes it anew, to be looked at
-    /// again.
     fn assert_golden(name: &str, found: &[u8]) {
-        let path = Path::new("src/pictures/golden").join(name);
-        if std::env::var_os("ESM_BLESS").is_some() {
-            std::fs::write(&path, found).unwrap();
-        }
-        let expected = std::fs::read(&path).unwrap();
-        assert!(
-            expected == found,
-            "{} differs: look at it with ESM_BLESS=1",
-            path.display()
-        );
+        crate::test_golden::assert_golden(Path::new("src/pictures/golden").join(name), found);
     }
 
     #[test]

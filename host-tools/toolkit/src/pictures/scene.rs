@@ -84,7 +84,7 @@ pub struct Text {
 }
 
 /// A line of words, in one call.
-pub(super) fn words(
+pub(crate) fn words(
     at: Point,
     text: &str,
     size: f32,

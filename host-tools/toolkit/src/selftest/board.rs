@@ -23,6 +23,10 @@ const NEARLY_ALL: f64 = 0.99;
 /// left to a cable that was touched.
 const BAD_FRAMES_LIMIT: f64 = 0.001;
 
+/// How long a critical section may last, in microseconds: a byte of a line of 115,200 baud lasts
+/// 87, and a UART without a FIFO loses the next if nobody takes it meanwhile.
+const SECTION_LIMIT_US: f64 = 80.0;
+
 /// How often a place of a flash may be erased, by the data sheets of small flashes; there are two
 /// places for each thing.
 const ERASES_LIMIT: u32 = 10_000;
@@ -161,25 +165,68 @@ fn spread_us(slot: &SlotReport) -> f64 {
 }
 
 /// What became of frames on the line, at this rate; `None` where it has none.
-pub fn line(frames: u64, bad: u64, baud: Option<u32>) -> Vec<Finding> {
+pub fn line(frames: u64, bad: u64, baud: Option<u32>) -> Finding {
     let part = bad as f64 / frames.max(1) as f64;
     let at = match baud {
         Some(baud) => format!("of {frames} frames, at {baud} baud"),
         None => format!("of {frames} frames; this line has no baud rate"),
     };
-    vec![
-        Finding::judged(
-            "line.bad_frames",
+    Finding::judged(
+        "line.bad_frames",
+        (part, ""),
+        format!("at most {BAD_FRAMES_LIMIT} {at}"),
+        part <= BAD_FRAMES_LIMIT,
+        "the line loses or spoils bytes: look at cable, plugs and ground, or give both ends a lower rate",
+    )
+}
+
+/// What became of frames at another rate of the line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RateTried {
+    /// In baud.
+    pub baud: u32,
+    /// Frames that were sent, in both directions.
+    pub frames: u64,
+    /// Those that were lost or corrupt.
+    pub bad: u64,
+}
+
+/// What is found of other rates than `own`. A line that is no good for a faster one is no fault:
+/// nobody uses that. One that is no good for a slower one is.
+pub fn other_rates(own: u32, tried: &[RateTried]) -> Vec<Finding> {
+    let finding = |rate: &RateTried| {
+        let part = rate.bad as f64 / rate.frames.max(1) as f64;
+        let is_good = part <= BAD_FRAMES_LIMIT;
+        let finding = Finding::judged(
+            format!("line.bad_frames.{}", rate.baud),
             (part, ""),
-            format!("at most {BAD_FRAMES_LIMIT} {at}"),
-            part <= BAD_FRAMES_LIMIT,
-            "the line loses or spoils bytes: look at cable, plugs and ground, or give both ends a lower rate",
-        ),
-        Finding::not_measured(
-            "line.other_rates",
-            "not measured by this board: its firmware has one rate, which the row above is of",
-        ),
-    ]
+            format!("at most {BAD_FRAMES_LIMIT} of {} frames", rate.frames),
+            is_good,
+            "the line is bad at a lower rate than its own: look at cable, plugs and ground",
+        );
+        if is_good || rate.baud < own {
+            return finding;
+        }
+        Finding {
+            pass: None,
+            advice: Some(format!(
+                "no fault: the line is no good for this rate; its own is {own} baud"
+            )),
+            ..finding
+        }
+    };
+    tried.iter().map(finding).collect()
+}
+
+/// How long the longest critical section was, in microseconds.
+pub fn critical_section(longest_us: f64) -> Finding {
+    Finding::judged(
+        "critical_section",
+        (longest_us, "µs"),
+        format!("at most {SECTION_LIMIT_US} µs"),
+        longest_us <= SECTION_LIMIT_US,
+        "something holds up the line's interrupt for longer than a byte lasts: look for critical sections with loops in them",
+    )
 }
 
 /// Whether the flash took what it was given.
@@ -342,8 +389,35 @@ mod tests {
 
     #[test]
     fn a_line_is_judged_by_its_frames() {
-        assert_eq!(line(2_000, 1, Some(115_200))[0].pass, Some(true));
-        assert_eq!(line(2_000, 20, None)[0].pass, Some(false));
+        assert_eq!(line(2_000, 1, Some(115_200)).pass, Some(true));
+        assert_eq!(line(2_000, 20, None).pass, Some(false));
+    }
+
+    #[test]
+    fn a_line_that_is_no_good_for_a_faster_rate_than_its_own_has_no_fault() {
+        let tried = |baud, bad| RateTried {
+            baud,
+            frames: 200,
+            bad,
+        };
+        let found = other_rates(
+            115_200,
+            &[
+                tried(9_600, 0),
+                tried(57_600, 3),
+                tried(230_400, 0),
+                tried(921_600, 200),
+            ],
+        );
+        let passes: Vec<_> = found.iter().map(|it| it.pass).collect();
+        assert_eq!(passes, [Some(true), Some(false), Some(true), None]);
+        assert_eq!(found[3].value, Some(1.0));
+    }
+
+    #[test]
+    fn a_critical_section_is_shorter_than_a_byte_of_the_line() {
+        assert_eq!(critical_section(12.5).pass, Some(true));
+        assert_eq!(critical_section(87.0).pass, Some(false));
     }
 
     #[test]

@@ -1,13 +1,17 @@
 //! What a system file says.
 
-use crate::medium::Cut;
 use crate::medium::chance::Chance;
+use crate::medium::clock::{Clock, Life};
+use crate::medium::{Cut, PS_IN_US};
 use crate::model::Span;
 
 /// Greatest number of processors.
 pub const MAX_PROCESSORS: usize = 16;
 /// Greatest number of links.
 pub const MAX_LINKS: usize = 64;
+
+/// Greatest number of resets of a processor.
+pub const MAX_RESETS: usize = 8;
 
 /// A word or a text, and where it stands.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -65,6 +69,31 @@ pub struct Processor {
     pub drift_ppb: i32,
     /// Plant time at which its mission starts, in microseconds.
     pub start_us: u64,
+    /// When it is in reset, by plant time, one behind the other. Behind each its mission starts
+    /// anew.
+    pub resets: Vec<Cut>,
+}
+
+impl Processor {
+    /// From when to when it is there, between two resets: its clock begins anew each time.
+    #[must_use]
+    pub fn lives(&self) -> Vec<Life> {
+        let mut life = Life::whole(Clock::new(self.start_us * PS_IN_US, self.drift_ppb));
+        let mut lives = Vec::new();
+        for reset in &self.resets {
+            lives.push(Life {
+                to_ps: reset.from_ps,
+                ..life
+            });
+            life = Life {
+                clock: Clock::new(reset.to_ps, self.drift_ppb),
+                from_ps: reset.to_ps,
+                to_ps: u64::MAX,
+            };
+        }
+        lives.push(life);
+        lives
+    }
 }
 
 /// What a link's frames cross.
@@ -79,12 +108,18 @@ pub enum Medium {
 }
 
 impl Medium {
-    /// All of them, as a file names them.
-    pub const ALL: [(&'static str, Medium); 3] = [
-        ("line", Medium::Line),
-        ("memory", Medium::Memory),
-        ("can", Medium::Can),
-    ];
+    /// All of them.
+    pub const ALL: [Medium; 3] = [Medium::Line, Medium::Memory, Medium::Can];
+
+    /// As a file names it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Medium::Line => "line",
+            Medium::Memory => "memory",
+            Medium::Can => "can",
+        }
+    }
 }
 
 /// One end of a link.

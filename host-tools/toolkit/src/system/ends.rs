@@ -222,6 +222,9 @@ fn compare(link: &Link, first: Side<'_>, second: Side<'_>, found: &mut Vec<Diagn
     );
     frames(place, first, second, found);
     frames(place, second, first, found);
+    if link.medium == Medium::Can {
+        one_sender(place, first, second, found);
+    }
 }
 
 /// Looks at the frames that one end sends, and at what the other one receives of them.
@@ -279,6 +282,27 @@ fn frames(place: Span, sender: Side<'_>, receiver: Side<'_>, found: &mut Vec<Dia
         if !sender.frames(Direction::Out).any(|it| it.id == received.id) {
             found.push(alone(received, receiver, sender, "sent", "out"));
         }
+    }
+}
+
+/// Looks whether each identifier has one sender: on a bus, who sends the same one at the same time
+/// damages both frames.
+fn one_sender(place: Span, first: Side<'_>, second: Side<'_>, found: &mut Vec<Diagnostic>) {
+    for sent in first.frames(Direction::Out) {
+        let mut others = second.frames(Direction::Out);
+        let Some(other) = others.find(|it| it.id == sent.id) else {
+            continue;
+        };
+        let message = format!(
+            "both ends send a frame {}: `{}` of `{}` and `{}` of `{}`",
+            sent.id, sent.name, first.processor, other.name, second.processor
+        );
+        found.push(
+            Diagnostic::new(Code::E014, place, message)
+                .related(first.mission.place(sent.span), "it is declared here")
+                .related(second.mission.place(other.span), "and here")
+                .hint("on CAN each identifier has one sender: give one of both another number"),
+        );
     }
 }
 
@@ -352,6 +376,23 @@ mod tests {
                 "a frame of CAN carries at most 8 bytes, and `spot` of `head` has 12",
             ]
         );
+    }
+
+    #[test]
+    fn an_identifier_has_one_sender_on_a_bus() {
+        let one = "link radio rate 500000 bps;\n\
+            frame there 7 out on radio flags a payload 1 bytes period 50 ms;\n\
+            frame back 7 in on radio flags b payload 1 bytes period 50 ms;\n";
+        let other = one.replace("radio", "line");
+        let doubled = found_over("over can", one, &other);
+        let messages: Vec<&str> = doubled.iter().map(|it| it.message.as_str()).collect();
+        assert_eq!(
+            messages,
+            ["both ends send a frame 7: `there` of `base` and `there` of `head`"]
+        );
+        assert_eq!((doubled[0].code, doubled[0].related.len()), (Code::E014, 2));
+        // Each direction of a line has identifiers of its own.
+        assert_eq!(found_over("over memory", one, &other), []);
     }
 
     #[test]

@@ -7,15 +7,32 @@ use super::shared_plant::ProcessorPins;
 use super::wiring::Devices;
 use crate::host_run::{Ended, Given, HostRun, Planned, RunError, RunMission, Switches};
 use crate::medium::PS_IN_US;
-use crate::medium::clock::Clock;
+use crate::medium::clock::{Clock, Life};
 
-/// What a processor of a run is.
+/// What a processor of a run is, between two resets.
 #[derive(Clone, Debug)]
 pub struct Member {
     /// Its mission.
     pub mission: RunMission,
-    /// Its clock, which reads 0 when the mission starts.
-    pub clock: Clock,
+    /// Missions that take over from it, one after the other. Their times are by its clock.
+    pub then: Vec<Planned>,
+    /// Its clock, which reads 0 when the mission starts, and when it is there.
+    pub life: Life,
+}
+
+impl Member {
+    /// When its run ends by its own clock, in microseconds, in a run of all that ends at a plant
+    /// time in microseconds.
+    #[must_use]
+    pub fn until_us(&self, until_us: u64) -> u64 {
+        let Life { clock, to_ps, .. } = self.life;
+        let until_ps = until_us.saturating_mul(PS_IN_US);
+        match to_ps <= until_ps {
+            // What would start when it is reset does not.
+            true => clock.local_us(to_ps).saturating_sub(1),
+            false => clock.local_us(until_ps),
+        }
+    }
 }
 
 /// A processor that runs.
@@ -55,18 +72,25 @@ impl<'p, 'q, 'm> RunningProcessor<'p, 'q, 'm> {
         links: Devices,
         (seed, until_us): (u64, u64),
     ) -> Result<Self, RunError> {
-        let Member { mission, clock } = member;
+        let until_us = member.until_us(until_us);
+        let Member {
+            mission,
+            then,
+            life,
+        } = member;
+        let clock = life.clock;
         let switches = Switches {
             seed,
-            until_us: clock.local_us(until_us.saturating_mul(PS_IN_US)),
+            until_us,
             cut_link_us: None,
         };
-        let planned = Planned {
+        let first = Planned {
             at_us: 0,
             mission,
             warm: false,
         };
-        let mut run = HostRun::switch_on(sides, pins, behind, switches, vec![planned])?;
+        let missions = [first].into_iter().chain(then).collect();
+        let mut run = HostRun::switch_on(sides, pins, behind, switches, missions)?;
         run.connect(links);
         Ok(RunningProcessor {
             run,
@@ -96,6 +120,9 @@ impl InStep for RunningProcessor<'_, '_, '_> {
     fn step(&mut self) -> Result<(), RunError> {
         if !std::mem::replace(&mut self.has_begun, true) {
             self.run.begin()?;
+        } else if self.run.bring_what_is_due()? {
+            // Its next slot may be at another time, and it has left nothing new at its pins.
+            return self.run.hear();
         } else if self.run.next_slot_us().is_some() {
             self.run.pass_slot()?;
         }

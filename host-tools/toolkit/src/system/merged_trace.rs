@@ -13,15 +13,18 @@ pub struct ProcessorTrace<'t> {
     pub name: &'t str,
     /// Its clock.
     pub clock: Clock,
-    /// Robot time of the first macro step, in microseconds, from which the trace counts.
-    pub start_us: u64,
+    /// Robot time of the first macro step of each mission that ran, in microseconds: from there
+    /// the trace counts.
+    pub starts_us: Vec<u64>,
     /// Its lines.
     pub lines: &'t str,
 }
 
 /// What all lines have.
 #[derive(Deserialize)]
-struct Line {
+struct Line<'l> {
+    kind: &'l str,
+    step: u64,
     t_us: u64,
 }
 
@@ -49,16 +52,30 @@ pub enum MergeError {
 pub fn write(traces: &[ProcessorTrace<'_>], out: &mut impl Write) -> Result<(), MergeError> {
     let mut lines = Vec::new();
     for (index, trace) in traces.iter().enumerate() {
+        let mut starts_us = trace.starts_us.iter();
+        let mut start_us = starts_us.next();
+        // The last macro step that was told of to its end.
+        let mut told = None;
         for line in trace.lines.lines() {
-            let read: Option<Line> = serde_json::from_str(line).ok();
+            let read: Option<Line<'_>> = serde_json::from_str(line).ok();
             let parts = read.zip(line.strip_prefix('{'));
-            let Some((Line { t_us }, rest)) = parts else {
+            // Each mission counts from 0.
+            if let Some((Line { step, .. }, _)) = &parts
+                && told.is_some_and(|told| *step <= told)
+            {
+                (start_us, told) = (starts_us.next(), None);
+            }
+            let (Some((Line { kind, step, t_us }, rest)), Some(start_us)) = (parts, start_us)
+            else {
                 return Err(MergeError::NotALine {
                     processor: trace.name.to_owned(),
                     line: line.to_owned(),
                 });
             };
-            let plant_us = trace.clock.plant_ps(trace.start_us + t_us) / PS_IN_US;
+            if kind == "step" {
+                told = Some(step);
+            }
+            let plant_us = trace.clock.plant_ps(start_us + t_us) / PS_IN_US;
             lines.push((plant_us, index, trace.name, rest));
         }
     }
@@ -79,26 +96,55 @@ mod tests {
 
     #[test]
     fn lines_stand_in_the_order_of_plant_time() {
-        let trace = |name, clock, lines| ProcessorTrace {
+        let trace = |name, clock, starts_us: &[u64], lines| ProcessorTrace {
             name,
             clock,
-            start_us: 0,
+            starts_us: starts_us.to_vec(),
             lines,
         };
-        let base = "{\"kind\":\"step\",\"t_us\":0}\n{\"kind\":\"step\",\"t_us\":20}\n";
-        let head = "{\"kind\":\"transition\",\"t_us\":0}\n{\"kind\":\"step\",\"t_us\":0}\n";
+        let line = |kind: &str, step: u64, t_us: u64| {
+            format!("\"kind\":\"{kind}\",\"step\":{step},\"t_us\":{t_us}}}\n")
+        };
+        let lines = |all: &[(&str, u64, u64)]| -> String {
+            let all = all.iter();
+            all.map(|(kind, step, t_us)| format!("{{{}", line(kind, *step, *t_us)))
+                .collect()
+        };
+        let base = lines(&[("step", 0, 0), ("step", 1, 20)]);
+        // Another mission takes over, twice.
+        let head = lines(&[
+            ("transition", 0, 0),
+            ("step", 0, 0),
+            ("step", 0, 0),
+            ("step", 1, 10),
+            ("transition", 0, 0),
+        ]);
+        let later = Clock::new(20 * PS_IN_US, 0);
         let traces = [
-            trace("base", Clock::new(0, 0), base),
-            trace("head", Clock::new(20 * PS_IN_US, 0), head),
+            trace("base", Clock::new(0, 0), &[0], &base),
+            trace("head", later, &[0, 5, 40], &head),
         ];
         let mut out = Vec::new();
         write(&traces, &mut out).unwrap();
-        let expected = "{\"processor\":\"base\",\"plant_us\":0,\"kind\":\"step\",\"t_us\":0}\n\
-            {\"processor\":\"base\",\"plant_us\":20,\"kind\":\"step\",\"t_us\":20}\n\
-            {\"processor\":\"head\",\"plant_us\":20,\"kind\":\"transition\",\"t_us\":0}\n\
-            {\"processor\":\"head\",\"plant_us\":20,\"kind\":\"step\",\"t_us\":0}\n";
+        let expected: String = [
+            ("base", 0, "step", 0, 0),
+            ("base", 20, "step", 1, 20),
+            ("head", 20, "transition", 0, 0),
+            ("head", 20, "step", 0, 0),
+            ("head", 25, "step", 0, 0),
+            ("head", 35, "step", 1, 10),
+            ("head", 60, "transition", 0, 0),
+        ]
+        .map(|(name, plant_us, kind, step, t_us)| {
+            let rest = line(kind, step, t_us);
+            format!("{{\"processor\":\"{name}\",\"plant_us\":{plant_us},{rest}")
+        })
+        .concat();
         assert_eq!(String::from_utf8(out).unwrap(), expected);
-        let wrong = [trace("base", Clock::new(0, 0), "[]")];
-        assert!(write(&wrong, &mut Vec::new()).is_err());
+        let known = lines(&[("step", 0, 0), ("step", 0, 0)]);
+        for wrong in ["[]", &known] {
+            let wrong = [trace("base", Clock::new(0, 0), &[0], wrong)];
+            assert!(write(&wrong, &mut Vec::new()).is_err());
+        }
     }
 }

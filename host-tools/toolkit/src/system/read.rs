@@ -1,10 +1,11 @@
 //! Reads a system file: every mistake at once, and the rest all the same.
 
 use super::declaration::{
-    End, Link, MAX_LINKS, MAX_PROCESSORS, Medium, Named, Pins, Processor, System,
+    End, Link, MAX_LINKS, MAX_PROCESSORS, MAX_RESETS, Medium, Named, Pins, Processor, System,
 };
 use super::token::{Kind, Token, span, tokens};
 use crate::boards;
+use crate::lang::lexer::RESERVED_WORDS;
 use crate::lang::{Code, Diagnostic, is_name};
 use crate::medium::chance::Chance;
 use crate::medium::clock::MAX_DRIFT_PPM;
@@ -17,7 +18,7 @@ const MAX_TIME_US: u64 = 10 * 24 * 3_600 * 1_000_000;
 /// Billionths in a millionth.
 const PPB_IN_PPM: f64 = 1_000.0;
 /// Words of a processor and of a link, for whoever has mistyped one.
-const PROCESSOR_WORDS: [&str; 5] = ["mission", "board", "pins", "drift", "start"];
+const PROCESSOR_WORDS: [&str; 6] = ["mission", "board", "pins", "drift", "start", "reset"];
 const LINK_WORDS: [&str; 6] = ["over", "delay", "noise", "loss", "byte_loss", "cut"];
 const STATEMENTS: [&str; 3] = ["world", "processor", "link"];
 
@@ -67,6 +68,11 @@ impl<'t> Reader<'t> {
                 (Kind::Word, "world") => self.world(),
                 (Kind::Word, "processor") => self.processor(),
                 (Kind::Word, "link") => self.link(),
+                (Kind::Word, word) if RESERVED_WORDS.contains(&word) => {
+                    // One message says all: each statement would be as wrong.
+                    self.mission_in_place_of_system(first);
+                    return;
+                }
                 _ => {
                     let wanted = "`world`, `processor` or `link`";
                     self.unexpected(Some(first), wanted, &STATEMENTS)
@@ -126,6 +132,14 @@ impl<'t> Reader<'t> {
         }
         self.found.push(diagnostic);
         Err(Broken)
+    }
+
+    fn mission_in_place_of_system(&mut self, first: Token<'t>) {
+        let message = format!("`{}` begins a statement of a mission", first.text);
+        let hint = "a system file names the files of missions: \
+                    `processor base mission \"base.esm\" pins motors, encoders;`";
+        self.found
+            .push(Diagnostic::new(Code::E001, first.span, message).hint(hint));
     }
 
     fn word(&mut self, wanted: &str) -> Result<Token<'t>, Broken> {
@@ -273,10 +287,13 @@ impl<'t> Reader<'t> {
             pins: Vec::new(),
             drift_ppb: 0,
             start_us: 0,
+            resets: Vec::new(),
         };
         let mut seen = vec!["mission"];
         while let Some(clause) = self.clause(&PROCESSOR_WORDS)? {
-            self.once(&mut seen, clause);
+            if clause.text != "reset" {
+                self.once(&mut seen, clause);
+            }
             match clause.text {
                 "board" => {
                     let board = self.word("a board's name")?;
@@ -290,10 +307,29 @@ impl<'t> Reader<'t> {
                 "pins" => self.pins(&mut processor)?,
                 "drift" => processor.drift_ppb = self.drift()?,
                 "start" => processor.start_us = self.time()?,
+                "reset" => {
+                    let place = clause.span;
+                    let reset = self.cut()?;
+                    if processor.resets.len() == MAX_RESETS {
+                        let message = format!("a processor has at most {MAX_RESETS} resets");
+                        (self.found).push(Diagnostic::new(Code::E012, place, message));
+                        continue;
+                    }
+                    processor.resets.push(reset);
+                }
                 _ => {
                     self.text("a file")?;
                 }
             }
+        }
+        processor.resets.sort_by_key(|it| it.from_ps);
+        let start_ps = processor.start_us * PS_IN_US;
+        let ends = processor.resets.iter().map(|it| it.to_ps);
+        let begins = processor.resets.iter().map(|it| it.from_ps);
+        if (begins.zip([start_ps].into_iter().chain(ends))).any(|(begin, end)| begin <= end) {
+            let message =
+                "a reset begins after its processor has started, at first and after each reset";
+            (self.found).push(Diagnostic::new(Code::E001, processor.name.span, message));
         }
         let of_name = |it: &&Processor| it.name.text == processor.name.text;
         if let Some(first) = self.system.processors.iter().find(of_name) {
@@ -422,10 +458,10 @@ impl<'t> Reader<'t> {
     }
 
     fn medium(&mut self) -> Result<Medium, Broken> {
-        let names = Medium::ALL.map(|(name, _)| name);
+        let names = Medium::ALL.map(Medium::name);
         let word = self.word("`line`, `memory` or `can`")?;
-        match Medium::ALL.iter().find(|(name, _)| *name == word.text) {
-            Some((_, medium)) => Ok(*medium),
+        match Medium::ALL.into_iter().find(|it| it.name() == word.text) {
+            Some(medium) => Ok(medium),
             None => self.unexpected(Some(word), "`line`, `memory` or `can`", &names),
         }
     }
@@ -436,7 +472,7 @@ impl<'t> Reader<'t> {
         self.keyword("to")?;
         let to_us = self.time()?;
         if to_us <= from_us {
-            return self.out_of_range(place, "a cut ends after it begins".to_owned());
+            return self.out_of_range(place, "the second time is after the first".to_owned());
         }
         Ok(Cut {
             from_ps: from_us * PS_IN_US,
@@ -540,7 +576,8 @@ mod tests {
     fn a_system_is_what_its_file_says() {
         let text = "// Two processors.\nworld \"office\";\n\
             processor base mission \"base.esm\" board host pins motors, encoders;\n\
-            processor head mission \"head.esm\" pins sonars drift -80.5 ppm start 20 ms;\n\
+            processor head mission \"head.esm\" pins sonars drift -80.5 ppm start 20 ms\n\
+            reset 7 s to 8 s reset 4 s to 4100 ms;\n\
             link base.radio to head.base over line delay 200 us noise 1e-5 loss 1 %\n\
             cut 3 s to 5 s cut 1 min to 70 s;";
         let (system, found) = read(text);
@@ -557,6 +594,26 @@ mod tests {
         assert_eq!(base.board.as_ref().unwrap().text, "host");
         assert_eq!(base.pins, [Pins::Motors, Pins::Encoders]);
         assert_eq!((head.drift_ppb, head.start_us), (-80_500, 20_000));
+        let resets = head.resets.iter().map(|it| [it.from_ps, it.to_ps]);
+        let ms = PS_IN_US * 1_000;
+        assert_eq!(
+            resets.collect::<Vec<_>>(),
+            [[4_000 * ms, 4_100 * ms], [7_000 * ms, 8_000 * ms]]
+        );
+        // It is there three times, and its clock begins anew.
+        let lives: Vec<_> = (head.lives().iter())
+            .map(|it| (it.clock.plant_ps(0) / ms, it.from_ps / ms, it.to_ps / ms))
+            .collect();
+        let end_ms = u64::MAX / ms;
+        assert_eq!(
+            lives,
+            [
+                (20, 0, 4_000),
+                (4_100, 4_100, 7_000),
+                (8_000, 8_000, end_ms)
+            ]
+        );
+        assert_eq!(base.lives().len(), 1);
         let [link] = &system.links[..] else {
             panic!("a link");
         };
@@ -583,6 +640,10 @@ mod tests {
             (
                 "procesor",
                 "1:1 E001 expected `world`, `processor` or `link`, found `procesor`: did",
+            ),
+            (
+                "use \"rover.esm\";\nmachine M {\n",
+                "1:1 E001 `use` begins a statement of a mission: a system file names",
             ),
             (
                 "world \"a\"; world \"b\";",
@@ -631,6 +692,14 @@ mod tests {
                 "1:35 E003 `start` stands twice",
             ),
             (
+                "processor a mission \"a\" reset 1 s to 2 s reset 2 s to 3 s;",
+                "1:11 E001 a reset begins after",
+            ),
+            (
+                "processor a mission \"a\" start 5 s reset 4 s to 6 s;",
+                "1:11 E001 a reset begins after",
+            ),
+            (
                 "processor a mission \"a\"",
                 "1:24 E001 the file ends where `;` or one of",
             ),
@@ -676,7 +745,7 @@ mod tests {
             ),
             (
                 "BASE HEAD link base.a to head.b cut 5 s to 3 s;",
-                "1:109 E001 a cut ends after",
+                "1:109 E001 the second time is after",
             ),
         ];
         for (text, expected) in cases {
@@ -702,7 +771,7 @@ mod tests {
             words in proptest::collection::vec(
                 prop_oneof![
                     Just("world"), Just("processor"), Just("link"), Just("mission"), Just("a.b"),
-                    Just("\"a\""), Just(";"), Just(","), Just("%"), Just("to"), Just("cut"),
+                    Just("\"a\""), Just(";"), Just(","), Just("%"), Just("to"), Just("cut"), Just("reset"),
                     Just("pins"), Just("motors"), Just("drift"), Just("-1e300"), Just("ppm"),
                     Just("\""), Just("\u{e9}"), Just("18446744073709551615"), Just("min"),
                 ],

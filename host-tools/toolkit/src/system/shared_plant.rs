@@ -13,7 +13,7 @@ use rt_firmware::body::{Actuators, Reply, Request, Sensors};
 use super::declaration::Pins;
 use crate::host_run::Behind;
 use crate::medium::PS_IN_US;
-use crate::medium::clock::Clock;
+use crate::medium::clock::{Clock, Life};
 use crate::plant::Plant;
 use crate::plant::behind_pins::BehindPins;
 
@@ -32,6 +32,10 @@ struct Shared {
     levels: Actuators,
     /// Of each processor.
     left: Vec<Left>,
+    /// When each is reset, in microseconds of plant time, until it is.
+    resets_us: Vec<Option<u64>>,
+    /// Whether each is there: what one that was reset says has no effect.
+    is_there: Vec<bool>,
     has: Vec<Vec<Pins>>,
     stop_pressed_from_us: Option<u64>,
 }
@@ -39,6 +43,31 @@ struct Shared {
 impl Shared {
     /// Lets plant time pass, with all that takes effect until then.
     fn advance_to(&mut self, time_us: u64) {
+        while let Some((at_us, index)) = (self.resets_us.iter().enumerate())
+            .filter_map(|(index, at_us)| Some(((*at_us)?, index)))
+            .filter(|(at_us, _)| *at_us <= time_us)
+            .min()
+        {
+            self.put_until(at_us.saturating_sub(1));
+            self.plant.advance_to(at_us);
+            // Its pins are let go of, and nothing drives.
+            self.apply(index, Actuators::default());
+            if let Some(left) = self.left.get_mut(index) {
+                left.is_applied = true;
+            }
+            if let Some(is_there) = self.is_there.get_mut(index) {
+                *is_there = false;
+            }
+            if let Some(reset_us) = self.resets_us.get_mut(index) {
+                *reset_us = None;
+            }
+        }
+        self.put_until(time_us);
+        self.plant.advance_to(time_us);
+    }
+
+    /// Puts all that takes effect until then.
+    fn put_until(&mut self, time_us: u64) {
         loop {
             let due = (self.left.iter().enumerate())
                 .filter(|(_, left)| !left.is_applied && left.effect_us <= time_us);
@@ -52,7 +81,6 @@ impl Shared {
                 left.is_applied = true;
             }
         }
-        self.plant.advance_to(time_us);
     }
 
     fn apply(&mut self, index: usize, actuators: Actuators) {
@@ -113,16 +141,23 @@ impl SharedPlant {
             plant,
             levels: Actuators::default(),
             left: Vec::new(),
+            resets_us: Vec::new(),
+            is_there: Vec::new(),
             has: Vec::new(),
             stop_pressed_from_us,
         })))
     }
 
-    /// The pins of one more processor, with its clock.
+    /// The pins of one more processor, or of one that was reset, with its clock and when it is
+    /// there.
     #[must_use]
-    pub fn pins(&self, has: &[Pins], clock: Clock) -> ProcessorPins {
+    pub fn pins(&self, has: &[Pins], life: Life) -> ProcessorPins {
+        let Life { clock, to_ps, .. } = life;
         let mut shared = self.0.borrow_mut();
         shared.has.push(has.to_vec());
+        let is_reset = to_ps < u64::MAX;
+        shared.resets_us.push(is_reset.then_some(to_ps / PS_IN_US));
+        shared.is_there.push(true);
         shared.left.push(Left {
             is_applied: true,
             ..Left::default()
@@ -162,6 +197,12 @@ impl BehindPins for ProcessorPins {
         let start_us = self.plant_us(request.start_us);
         let mut shared = self.shared.borrow_mut();
         let mut actuators = request.actuators;
+        if shared.is_there.get(self.index) != Some(&true) {
+            return Reply {
+                sequence: request.sequence,
+                sensors: shared.sensors(self.index, start_us),
+            };
+        }
         if let Some(left) = shared.left.get_mut(self.index) {
             if left.is_applied && left.effect_us == effect_us {
                 // It was announced, and its pings are on their way.
@@ -193,7 +234,11 @@ impl Behind for ProcessorPins {
 
     fn announce(&mut self, effect_us: u64, actuators: &Actuators) {
         let effect_us = self.plant_us(effect_us);
-        if let Some(left) = self.shared.borrow_mut().left.get_mut(self.index) {
+        let mut shared = self.shared.borrow_mut();
+        if shared.is_there.get(self.index) != Some(&true) {
+            return;
+        }
+        if let Some(left) = shared.left.get_mut(self.index) {
             *left = Left {
                 effect_us,
                 actuators: *actuators,

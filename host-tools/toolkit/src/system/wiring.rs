@@ -11,13 +11,14 @@ use esm_link::frames::wire::{self, Header, MAX_PAYLOAD_BYTES, MAX_WIRE_BYTES};
 use rt_firmware::body::frames::CarriedFrame;
 use rt_firmware::frames::{LinkDevice, Taken};
 
+use super::arrivals::{Arrivals, Came, Listening, Noting};
 use super::declaration::{Link, Medium};
 use crate::host_board::OpenLine;
 use crate::host_run::WiredLink;
 use crate::medium::PS_IN_US;
 use crate::medium::can::{Bus, BusSettings};
 use crate::medium::chance::Fate;
-use crate::medium::clock::Clock;
+use crate::medium::clock::{Clock, Life};
 pub use crate::medium::line::Sent;
 use crate::medium::line::{Line, LineSettings};
 use crate::medium::memory::SharedMemory;
@@ -25,11 +26,13 @@ use crate::medium::memory::SharedMemory;
 /// Directions of a link.
 const WAYS: u64 = 2;
 
-/// What is to be known of a processor's links.
+/// What is to be known of a processor's links, between two resets.
 #[derive(Clone, Debug)]
 pub struct Links {
-    /// Its clock.
-    pub clock: Clock,
+    /// Index of the processor.
+    pub processor: usize,
+    /// Its clock, and when it is there.
+    pub life: Life,
     /// The links in its mission's blob, in their order.
     pub links: Vec<WiredLink>,
 }
@@ -53,11 +56,25 @@ impl End {
             uart: None,
         }
     }
+
+    /// The same, with what arrives written down.
+    fn noting(self, arrivals: &Noting) -> Self {
+        End {
+            device: Box::new(Listening {
+                device: self.device,
+                arrivals: Rc::clone(arrivals),
+            }),
+            uart: self.uart.map(|uart| Uart {
+                arrivals: Rc::clone(arrivals),
+                ..uart
+            }),
+        }
+    }
 }
 
 /// What lies between processors.
 pub struct Wires {
-    /// The ends of each processor, in the order of its links.
+    /// The ends of each processor between two resets, in the order of its links.
     pub ends: Vec<Vec<End>>,
     /// What crosses the links.
     pub traffic: Traffic,
@@ -65,67 +82,133 @@ pub struct Wires {
 
 /// What has crossed the links of a system.
 #[derive(Clone, Default)]
-pub struct Traffic(Vec<Option<[Rc<RefCell<Line>>; 2]>>);
+pub struct Traffic {
+    lines: Vec<Option<[Rc<RefCell<Line>>; 2]>>,
+    arrivals: Vec<Option<[Noting; 2]>>,
+}
 
 impl Traffic {
+    /// Of each link, what has arrived at its first end and its second since their last resets; none
+    /// where one of them is not used. It is given once.
+    #[must_use]
+    pub fn arrived(&self) -> Vec<Option<[Arrivals; 2]>> {
+        let of = |both: &[Noting; 2]| both.each_ref().map(|it| it.take());
+        (self.arrivals.iter())
+            .map(|both| both.as_ref().map(of))
+            .collect()
+    }
+
     /// Of each link, what its first end and its second has sent; none where it is no line.
     #[must_use]
     pub fn sent(&self) -> Vec<Option<[Sent; 2]>> {
         let of = |lines: &[Rc<RefCell<Line>>; 2]| lines.each_ref().map(|it| it.borrow().sent());
-        self.0.iter().map(|lines| lines.as_ref().map(of)).collect()
+        (self.lines.iter())
+            .map(|lines| lines.as_ref().map(of))
+            .collect()
     }
 }
 
-/// Makes the ends of all links of each processor. A link that nothing is joined to leads nowhere.
+/// Makes the ends of all links of each processor, each time that it is there: one entry of `lives`,
+/// in the order of their times. A link that nothing is joined to leads nowhere.
 #[must_use]
-pub fn wires(links: &[Link], processors: &[Links], seed: u64) -> Wires {
-    let mut ends: Vec<Vec<End>> = (processors.iter())
+pub fn wires(links: &[Link], lives: &[Links], seed: u64) -> Wires {
+    let mut ends: Vec<Vec<End>> = (lives.iter())
         .map(|it| it.links.iter().map(|_| End::open()).collect())
         .collect();
     let mut traffic = Traffic::default();
     for (number, link) in (0..).zip(links) {
         let of_link = link.ends.each_ref().map(|end| {
-            let processor = processors.get(end.processor)?;
-            let index = processor.links.iter().position(|it| it.name == end.link)?;
-            let of_blob = processor.links.get(index)?;
-            Some((end.processor, index, processor.clock, of_blob))
+            let first = lives.iter().find(|it| it.processor == end.processor)?;
+            let of_blob = first.links.iter().find(|it| it.name == end.link)?;
+            Some((end, first.life.clock, of_blob))
         });
         // One whose dispatchers are not used sends nothing and hears nothing.
         let [Some(first), Some(second)] = of_link else {
-            traffic.0.push(None);
+            traffic.lines.push(None);
+            traffic.arrivals.push(None);
             continue;
         };
-        let clocks = [first.2, second.2];
-        let mut lines = None;
-        let made = match link.medium {
+        let clocks = [first.1, second.1];
+        let between = match link.medium {
             Medium::Line => {
                 let numbers = [number * WAYS, number * WAYS + 1];
-                let both = self::lines(link, clocks, first.3, numbers, seed);
-                let [there, back] = lines.insert(both).each_ref().map(Rc::clone);
-                [
-                    Uart::new(Rc::clone(&there), Rc::clone(&back)),
-                    Uart::new(back, there),
-                ]
-                .map(|uart| End {
+                Between::Lines(lines(link, clocks, first.2, numbers, seed))
+            }
+            Medium::Memory => Between::Memory(memories(clocks)),
+            Medium::Can => Between::Bus(bus(link, clocks, first.2, number * WAYS, seed)),
+        };
+        traffic.lines.push(between.lines());
+        let mut arrivals = [Noting::default(), Noting::default()];
+        for ((which, (end, ..)), arrivals) in [first, second].iter().enumerate().zip(&mut arrivals)
+        {
+            let of_end = lives.iter().zip(&mut ends);
+            for (life, ends) in of_end.filter(|(it, _)| it.processor == end.processor) {
+                let index = life.links.iter().position(|it| it.name == end.link);
+                if let Some(place) = index.and_then(|index| ends.get_mut(index)) {
+                    *arrivals = Noting::default();
+                    *place = between.end(which, life.life).noting(arrivals);
+                }
+            }
+        }
+        traffic.arrivals.push(Some(arrivals));
+    }
+    Wires { ends, traffic }
+}
+
+/// What lies between both ends of a link.
+enum Between {
+    Lines([Rc<RefCell<Line>>; WAYS as usize]),
+    Memory([Rc<RefCell<SharedMemory>>; WAYS as usize]),
+    Bus(Rc<RefCell<Bus>>),
+}
+
+impl Between {
+    fn lines(&self) -> Option<[Rc<RefCell<Line>>; 2]> {
+        match self {
+            Between::Lines(lines) => Some(lines.each_ref().map(Rc::clone)),
+            _ => None,
+        }
+    }
+
+    /// An end of it: the first or the other, for a processor between two resets.
+    fn end(&self, which: usize, life: Life) -> End {
+        fn both<T>(two: &[Rc<RefCell<T>>; 2], which: usize) -> [Rc<RefCell<T>>; 2] {
+            let [there, back] = two.each_ref().map(Rc::clone);
+            match which {
+                0 => [there, back],
+                _ => [back, there],
+            }
+        }
+        match self {
+            Between::Lines(lines) => {
+                let [sends, hears] = both(lines, which);
+                let uart = Uart::new(sends, hears, life);
+                End {
                     device: Box::new(uart.device()),
                     uart: Some(uart),
-                })
+                }
             }
-            Medium::Memory => memories(clocks).map(|device| End { device, uart: None }),
-            Medium::Can => {
-                let nodes = nodes(link, clocks, first.3, number * WAYS, seed);
-                nodes.map(|device| End { device, uart: None })
+            Between::Memory(memories) => {
+                let [writes, reads] = both(memories, which);
+                let receiver = Receiver::new();
+                let device = Box::new(MemoryEnd {
+                    writes,
+                    reads,
+                    life,
+                    receiver,
+                });
+                End { device, uart: None }
             }
-        };
-        traffic.0.push(lines);
-        for (end, (processor, index, ..)) in made.into_iter().zip([first, second]) {
-            let place = ends.get_mut(processor).and_then(|it| it.get_mut(index));
-            if let Some(place) = place {
-                *place = end;
+            Between::Bus(bus) => {
+                let device = Box::new(CanNode {
+                    bus: Rc::clone(bus),
+                    node: which,
+                    life,
+                });
+                End { device, uart: None }
             }
         }
     }
-    Wires { ends, traffic }
 }
 
 fn shared<T>(value: T) -> Rc<RefCell<T>> {
@@ -161,16 +244,20 @@ fn lines(
 pub struct Uart {
     sends: Rc<RefCell<Line>>,
     hears: Rc<RefCell<Line>>,
+    life: Life,
     /// What has come of a frame.
     arriving: Vec<u8>,
+    arrivals: Noting,
 }
 
 impl Uart {
-    fn new(sends: Rc<RefCell<Line>>, hears: Rc<RefCell<Line>>) -> Self {
+    fn new(sends: Rc<RefCell<Line>>, hears: Rc<RefCell<Line>>, life: Life) -> Self {
         Uart {
             sends,
             hears,
+            life,
             arriving: Vec::new(),
+            arrivals: Noting::default(),
         }
     }
 
@@ -178,6 +265,7 @@ impl Uart {
         LineEnd {
             sends: Rc::clone(&self.sends),
             hears: Rc::clone(&self.hears),
+            life: self.life,
             receiver: Receiver::new(),
         }
     }
@@ -186,18 +274,26 @@ impl Uart {
     pub fn start(&mut self, mut frame: CarriedFrame) {
         let (at_us, late_ns) = (frame.at_us(), frame.late_ns());
         if let Some(bytes) = frame.carried() {
-            self.sends.borrow_mut().send_late(at_us, late_ns, bytes);
+            let mut line = self.sends.borrow_mut();
+            line.set_sender(self.life);
+            line.send_late(at_us, late_ns, bytes);
         }
     }
 
     /// The next frame that has arrived by a time of the board's clock.
     pub fn arrived(&mut self, until_us: u64) -> CarriedFrame {
+        let mut arrivals = self.arrivals.borrow_mut();
+        arrivals.look(until_us);
         let mut line = self.hears.borrow_mut();
+        line.set_receiver(self.life);
         while let Some(arrived) = line.take(until_us) {
             if arrived.byte == DELIMITER {
                 let bytes = std::mem::take(&mut self.arriving);
                 if !bytes.is_empty() {
-                    return CarriedFrame::new(arrived.at_us, 0, &bytes);
+                    let frame = CarriedFrame::new(arrived.at_us, 0, &bytes);
+                    let fits = bytes.len() < MAX_WIRE_BYTES;
+                    arrivals.take(arrived.at_us, Came::Wire(fits.then_some(bytes)));
+                    return frame;
                 }
             } else if self.arriving.len() <= MAX_WIRE_BYTES {
                 self.arriving.push(arrived.byte);
@@ -211,6 +307,7 @@ impl Uart {
 struct LineEnd {
     sends: Rc<RefCell<Line>>,
     hears: Rc<RefCell<Line>>,
+    life: Life,
     receiver: Receiver,
 }
 
@@ -223,6 +320,7 @@ impl LinkDevice for LineEnd {
         write: &mut dyn FnMut(&mut [u8]),
     ) -> bool {
         let mut line = self.sends.borrow_mut();
+        line.set_sender(self.life);
         // It has room for a frame behind the one that it sends.
         if line.is_behind(start_us, MAX_WIRE_BYTES) {
             return false;
@@ -237,6 +335,7 @@ impl LinkDevice for LineEnd {
 
     fn receive(&mut self, until_us: u64, frames: &dyn InFrames, take: Taken<'_>) {
         let mut line = self.hears.borrow_mut();
+        line.set_receiver(self.life);
         while let Some(arrived) = line.take(until_us) {
             let mut bytes = &[arrived.byte][..];
             if let Some(outcome) = self.receiver.take(&mut bytes, frames) {
@@ -246,20 +345,10 @@ impl LinkDevice for LineEnd {
     }
 }
 
-fn memories(clocks: [Clock; 2]) -> [Box<dyn LinkDevice>; 2] {
+fn memories(clocks: [Clock; 2]) -> [Rc<RefCell<SharedMemory>>; 2] {
     let [first, second] = clocks;
-    let there = shared(SharedMemory::new(first, second));
-    let back = shared(SharedMemory::new(second, first));
-    let end = |writes: &Rc<RefCell<SharedMemory>>, reads: &Rc<RefCell<SharedMemory>>| {
-        let (writes, reads) = (Rc::clone(writes), Rc::clone(reads));
-        let receiver = Receiver::new();
-        Box::new(MemoryEnd {
-            writes,
-            reads,
-            receiver,
-        }) as Box<dyn LinkDevice>
-    };
-    [end(&there, &back), end(&back, &there)]
+    [(first, second), (second, first)]
+        .map(|(writer, reader)| shared(SharedMemory::new(writer, reader)))
 }
 
 /// Memory of two processors. Frames are there as they are on a line, so that their configuration is
@@ -267,6 +356,7 @@ fn memories(clocks: [Clock; 2]) -> [Box<dyn LinkDevice>; 2] {
 struct MemoryEnd {
     writes: Rc<RefCell<SharedMemory>>,
     reads: Rc<RefCell<SharedMemory>>,
+    life: Life,
     receiver: Receiver,
 }
 
@@ -283,12 +373,16 @@ impl LinkDevice for MemoryEnd {
             return false;
         };
         let bytes = bytes.get(..length).unwrap_or_default();
-        self.writes.borrow_mut().write(start_us, bytes);
+        let mut memory = self.writes.borrow_mut();
+        memory.set_writer(self.life);
+        memory.write(start_us, bytes);
         true
     }
 
     fn receive(&mut self, until_us: u64, frames: &dyn InFrames, take: Taken<'_>) {
-        while let Some(written) = self.reads.borrow_mut().take(until_us) {
+        let mut memory = self.reads.borrow_mut();
+        memory.set_reader(self.life);
+        while let Some(written) = memory.take(until_us) {
             let mut bytes = &written.bytes[..];
             while let Some(outcome) = self.receiver.take(&mut bytes, frames) {
                 take(outcome, written.at_us);
@@ -297,31 +391,27 @@ impl LinkDevice for MemoryEnd {
     }
 }
 
-fn nodes(
+fn bus(
     link: &Link,
     clocks: [Clock; 2],
     of_blob: &WiredLink,
     number: u64,
     seed: u64,
-) -> [Box<dyn LinkDevice>; 2] {
+) -> Rc<RefCell<Bus>> {
     let settings = BusSettings {
         rate_bps: of_blob.rate_bps,
         noise: link.noise,
         loss: link.loss,
         cuts: link.cuts.clone(),
     };
-    let bus = shared(Bus::new(settings, Fate::new(seed, number), clocks.to_vec()));
-    [(0, clocks[0]), (1, clocks[1])].map(|(node, clock)| {
-        let bus = Rc::clone(&bus);
-        Box::new(CanNode { bus, node, clock }) as Box<dyn LinkDevice>
-    })
+    shared(Bus::new(settings, Fate::new(seed, number), clocks.to_vec()))
 }
 
 /// A controller on a bus.
 struct CanNode {
     bus: Rc<RefCell<Bus>>,
     node: usize,
-    clock: Clock,
+    life: Life,
 }
 
 impl LinkDevice for CanNode {
@@ -339,13 +429,15 @@ impl LinkDevice for CanNode {
         };
         write(payload);
         let mut bus = self.bus.borrow_mut();
+        bus.set_node(self.node, self.life);
         bus.send(self.node, start_us, identifier, payload).is_ok()
     }
 
     fn receive(&mut self, until_us: u64, frames: &dyn InFrames, take: Taken<'_>) {
         let mut bus = self.bus.borrow_mut();
+        bus.set_node(self.node, self.life);
         // Whoever sends before this time has given it already.
-        bus.advance_to(self.clock.plant_ps(until_us));
+        bus.advance_to(self.life.clock.plant_ps(until_us));
         while let Some(heard) = bus.take(self.node, until_us) {
             take(
                 can::receive(heard.identifier, &heard.data, frames),
@@ -378,15 +470,18 @@ mod tests {
             name: name.to_owned(),
             rate_bps: 1_000_000,
             bits: 10,
+            ..WiredLink::default()
         };
-        let clock = Clock::new(0, 0);
+        let life = Life::whole(Clock::new(0, 0));
         let processors = [
             Links {
-                clock,
+                processor: 0,
+                life,
                 links: vec![wired("open"), wired("one")],
             },
             Links {
-                clock,
+                processor: 1,
+                life,
                 links: vec![wired("two")],
             },
         ];

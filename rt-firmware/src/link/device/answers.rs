@@ -6,7 +6,7 @@ use core::sync::atomic::Ordering;
 use super::handler::RequestHandler;
 use super::port::LinkPort;
 use crate::black_box::KEEPS_RECORDS;
-use crate::features::{BEHAVIOURS, PARAMS, RECORD, STATUS_EVENTS, TELEMETRY, WARM};
+use crate::features::{BEHAVIOURS, PARAMS, RECORD, SELFTEST, STATUS_EVENTS, TELEMETRY, WARM};
 use crate::frames::LINKS;
 use crate::realtime::mailbox::{Bytes, Content};
 use esm_link::access::Access;
@@ -51,7 +51,8 @@ impl RequestHandler<'_, '_> {
             )
             .with(Feature::Telemetry, TELEMETRY)
             .with(Feature::Behaviours, BEHAVIOURS)
-            .with(Feature::Links, LINKS > 0);
+            .with(Feature::Links, LINKS > 0)
+            .with(Feature::Selftest, SELFTEST);
         Response::Features {
             built_in,
             flash_ms: if has_store { P::FLASH_MS } else { 0 },

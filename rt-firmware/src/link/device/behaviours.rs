@@ -27,7 +27,14 @@ impl RequestHandler<'_, '_> {
             return Reaction::Answer(Err(LinkError::NotBuiltIn));
         }
         let command = match *request {
-            Request::Behaviours(ref request) => command_of(request, self.registry),
+            Request::Behaviours(ref request) => {
+                let command = command_of(request, self.registry);
+                #[cfg(feature = "behaviours")]
+                if command.is_ok() {
+                    self.script_keeper.note(request);
+                }
+                command
+            }
             Request::Drive {
                 forward_m_per_s,
                 turn_rad_per_s,
@@ -73,6 +80,10 @@ fn command_of(
         BehaviourRequest::SuspendScript => ListCommand::HoldScript(true),
         BehaviourRequest::ResumeScript => ListCommand::HoldScript(false),
         BehaviourRequest::Position { position } => checked_position(position)?,
+        // They are answered before, where there are behaviours.
+        BehaviourRequest::KeepScript { .. } | BehaviourRequest::KeptScript => {
+            return Err(LinkError::NoStore);
+        }
     })
 }
 
@@ -127,7 +138,10 @@ fn alone(call: &behaviours::Call<'_>, registry: Registry<'_>) -> Result<Call, Li
 }
 
 /// A behaviour of this firmware, with parameters that it takes and situations that there are.
-fn checked(call: &behaviours::Call<'_>, registry: Registry<'_>) -> Result<Call, LinkError> {
+pub(super) fn checked(
+    call: &behaviours::Call<'_>,
+    registry: Registry<'_>,
+) -> Result<Call, LinkError> {
     let bank = registry.find(call.task).ok_or(LinkError::NotABehaviour)?;
     let declared = registry.declaration(usize::from(bank));
     let declared = declared

@@ -6,6 +6,9 @@ use esm_core::BlobBuffer;
 use heapless::spsc::{Consumer, Producer};
 
 use super::client_session::Sender;
+use super::line_rate::LineRate;
+#[cfg(feature = "behaviours")]
+use super::script_keeper::ScriptKeeper;
 use crate::about::About;
 use crate::heartbeats::Heartbeats;
 use crate::link::status_event::Watch;
@@ -19,6 +22,7 @@ use crate::stops::Place;
 use crate::telemetry::SampleReader;
 use esm_link::keys::{Keys, SignedUpload};
 use esm_link::message::{Capacities, LinkError, Response};
+use esm_link::selftest::MEASURES_BYTES;
 
 /// What requests are answered from.
 pub(crate) struct RequestHandler<'q, 'm> {
@@ -59,6 +63,12 @@ pub(crate) struct RequestHandler<'q, 'm> {
     pub(crate) watch: Option<Watch>,
     /// The mission store was told that an emergency stop is latched, whoever latched it.
     pub(crate) stop_is_stored: bool,
+    /// Which rate the line has.
+    pub(crate) line_rate: LineRate,
+    /// What the board has measured, as it is told.
+    pub(crate) measures: [u8; MEASURES_BYTES],
+    #[cfg(feature = "behaviours")]
+    pub(crate) script_keeper: ScriptKeeper,
 }
 
 /// A blob that arrives.

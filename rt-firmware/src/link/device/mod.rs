@@ -18,11 +18,16 @@ mod budget;
 mod client_session;
 mod emergency;
 mod handler;
+#[cfg(feature = "behaviours")]
+mod kept_script;
+mod line_rate;
 mod outgoing;
 mod overload;
 mod port;
 mod reply;
 mod request_handler;
+#[cfg(feature = "behaviours")]
+mod script_keeper;
 mod signing;
 mod stage;
 mod stop;
@@ -31,11 +36,14 @@ mod streams;
 mod upload;
 
 pub(crate) use handler::RequestHandler;
+pub(crate) use line_rate::LineRate;
 pub use port::LinkPort;
+#[cfg(feature = "behaviours")]
+pub(crate) use script_keeper::ScriptKeeper;
 
 use core::sync::atomic::Ordering;
 
-use crate::features::{KEYS, PARAMS};
+use crate::features::{KEYS, PARAMS, SELFTEST};
 use crate::link::stop_listener::StopListener;
 use crate::realtime::mailbox::{Command, Content, NO_DEADLINE, Reply};
 use budget::Budget;
@@ -112,6 +120,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         let kept = self.handler.about.kept;
         let may_start = kept.is_none_or(|kept| kept.may_start_by_itself());
         self.handler.start_kept(port, may_start);
+        #[cfg(feature = "behaviours")]
+        self.handler.begin_with_kept_script(port, may_start);
     }
 
     /// Hears stops among the bytes of the line, where a board takes them in: one for each line.
@@ -128,7 +138,13 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         if let Some(mission_store) = port.mission_store() {
             mission_store.tick(now_us);
         }
+        if SELFTEST {
+            self.handler.line_rate.look(port);
+        }
         let has_more = self.work(port);
+        if SELFTEST && !has_more {
+            self.handler.line_rate.begin(port);
+        }
         self.charge(port);
         // What is left waits for its time.
         has_more && self.budget.is_left()
@@ -177,6 +193,8 @@ impl<'q, 'm> LinkSide<'q, 'm> {
             self.handler.store_stop(port);
             self.go_on(port);
             self.receive(port);
+            #[cfg(feature = "behaviours")]
+            self.handler.go_on_with_kept_script(port);
             // Where the real-time side was called, it has come already.
             self.tell_stopped();
             // A frame that was begun comes first, then an answer, then streams: so an answer waits
@@ -209,6 +227,10 @@ impl<'q, 'm> LinkSide<'q, 'm> {
     /// Whether an answer of the real-time side is awaited: a board may poll again after the next
     /// slot.
     pub fn is_waiting(&self) -> bool {
+        #[cfg(feature = "behaviours")]
+        if self.handler.script_keeper.is_asked() {
+            return true;
+        }
         self.handler.asked.is_some() || self.sessions.iter().any(ClientSession::awaits_stop)
     }
 
@@ -431,6 +453,11 @@ impl<'q, 'm> LinkSide<'q, 'm> {
         let Some((asked, content)) = self.handler.open_reply() else {
             return;
         };
+        #[cfg(feature = "behaviours")]
+        if asked.is_none() {
+            let now_us = port.now_us();
+            self.handler.take_answer_to_kept_script(content, now_us);
+        }
         // A trial that ended before the answer was given is not confirmed by it.
         self.handler.take_freed(port);
         if PARAMS && let Content::Reply(Reply::Changed(saved)) = *content {

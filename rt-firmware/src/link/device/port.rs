@@ -5,6 +5,7 @@ use crate::mission_store::MissionStore;
 use crate::realtime::params::SavedParams;
 use esm_link::key_store::KeyStore;
 use esm_link::message::MAX_CHUNK;
+use esm_link::selftest::Measures;
 
 /// The byte link of a board, and its log.
 pub trait LinkPort {
@@ -69,6 +70,23 @@ pub trait LinkPort {
     /// for with each status.
     fn deepest_stack_bytes(&mut self) -> Option<u32> {
         None
+    }
+
+    /// What the board has measured of itself: asked for by a selftest.
+    fn measures(&mut self) -> Measures {
+        Measures::default()
+    }
+
+    /// Whether the board's line can have this rate, in baud.
+    fn takes_line_rate(&mut self, baud: u32) -> bool {
+        let _ = baud;
+        false
+    }
+
+    /// Gives the line another rate, which it [takes](Self::takes_line_rate), or its own again: once
+    /// all bytes are out that were [sent](Self::send) before.
+    fn set_line_rate(&mut self, baud: Option<u32>) {
+        let _ = baud;
     }
 
     /// Who remembers across a reset which mission is on trial and which was confirmed, if the board

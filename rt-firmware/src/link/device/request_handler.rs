@@ -7,14 +7,16 @@ use core::sync::atomic::Ordering;
 
 use super::client_session::Sender;
 use super::handler::{PendingRequest, Reaction, RequestHandler};
+use super::line_rate::LineRate;
 use super::port::LinkPort;
-use crate::features::{PARAMS, STATUS_EVENTS, TELEMETRY};
+use crate::features::{PARAMS, SELFTEST, STATUS_EVENTS, TELEMETRY};
 use crate::link::status_event::Watch;
 use crate::realtime::mailbox::{Bytes, Command, NO_DEADLINE};
 use esm_link::access::{
     Access, MAX_DEADLINE_US, Needs, Recurrence, may_be_proven, may_have_deadline, needs,
 };
 use esm_link::message::{LinkError, Request, Response};
+use esm_link::selftest::{Ask, MEASURES_BYTES};
 
 impl RequestHandler<'_, '_> {
     /// Who sent a request. Takes it out of what proves that.
@@ -183,6 +185,12 @@ impl RequestHandler<'_, '_> {
         request: &Request<'_>,
         port: &mut P,
     ) -> Reaction<'a> {
+        #[cfg(feature = "behaviours")]
+        if let Request::Behaviours(asked) = request
+            && let Some(reaction) = self.of_kept_script(asked, port)
+        {
+            return reaction;
+        }
         match *request {
             Request::Hello => {
                 self.end_streams();
@@ -254,6 +262,7 @@ impl RequestHandler<'_, '_> {
             })),
             Request::Features => Reaction::Answer(Ok(self.features(port))),
             Request::Values { ask } => self.ask_values(ask),
+            Request::Selftest { ask } => Reaction::Answer(self.of_selftest(ask, port)),
             Request::BehaviourList
             | Request::Behaviours(_)
             | Request::Drive { .. }
@@ -325,6 +334,31 @@ impl RequestHandler<'_, '_> {
         self.trace_wanted.store(trace, Ordering::Relaxed);
         self.log_wanted = log;
         Ok(())
+    }
+
+    /// Tells what the board has measured, or lets its line have another rate for a while.
+    fn of_selftest(
+        &mut self,
+        ask: &[u8],
+        port: &mut impl LinkPort,
+    ) -> Result<Response<'_>, LinkError> {
+        if !SELFTEST {
+            return Err(LinkError::NotBuiltIn);
+        }
+        match Ask::of(ask)? {
+            Ask::Measures => {
+                self.measures = port.measures().bytes();
+                Ok(Response::TaskText {
+                    total: MEASURES_BYTES as u16,
+                    text: &self.measures,
+                })
+            }
+            Ask::LineRate { baud, ms } if port.takes_line_rate(baud) => {
+                self.line_rate = LineRate::Wanted { baud, ms };
+                Ok(Response::Done)
+            }
+            Ask::LineRate { .. } => Err(LinkError::NotBuiltIn),
+        }
     }
 
     /// Asks for values on nets, or ends that where nothing is asked for.

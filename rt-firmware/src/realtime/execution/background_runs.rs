@@ -126,14 +126,14 @@ impl<'m> Execution<'_, 'm> {
             }
             let record = self.tasks.record(instance).filter(|_| !blocked);
             let background_run = record.and_then(|record| {
-                let places = record.places;
+                let places = record.binding.places;
                 self.executor
                     .checkout_bound(&record.binding, step_us, |inputs, declared| {
                         inputs.now_us = t_us;
                         if let Some(mission) = machine.mission() {
                             inputs.flags = mission.control_flags(&places);
+                            machine.find_params(mission, &places, declared.params.len(), inputs);
                         }
-                        machine.find_params(&places, declared.params.len(), inputs);
                     })
             });
             if background_run.is_none() && !blocked {

@@ -2,10 +2,9 @@
 //! are current.
 
 use super::super::machine::{Machine, Mission};
-use super::super::tasks::TaskActivity;
 use super::Execution;
 use crate::board::Board;
-use crate::frames::{Activation, Flags, FrameLists, NO_DISPATCHER};
+use crate::frames::{Activation, Flags, FrameLists, LinkDevice, NO_DISPATCHER};
 use crate::ports::ValueKind;
 
 /// The flags and nets of a mission.
@@ -35,8 +34,21 @@ pub(super) fn run<B: Board>(
     machine: &mut Machine<'_, '_>,
     instance: u16,
 ) {
+    if let Some(record) = execution.tasks.lists.tasks.get(usize::from(instance)) {
+        let device = board.link(FrameLists::device_of(record.dispatcher));
+        run_with(execution, device, machine, instance);
+    }
+}
+
+/// The same, compiled once, with this crate's settings.
+#[inline(never)]
+fn run_with(
+    execution: &mut Execution<'_, '_>,
+    device: Option<&mut dyn LinkDevice>,
+    machine: &mut Machine<'_, '_>,
+    instance: u16,
+) {
     let robot_us = execution.executor.robot_us();
-    let period_us = execution.executor.inputs().period_us;
     let lists = &mut execution.tasks.lists;
     let (Some(record), Some(mission)) = (
         lists.tasks.get(usize::from(instance)),
@@ -46,12 +58,11 @@ pub(super) fn run<B: Board>(
     };
     let at = Activation {
         instance,
-        is_fresh: record.activity == TaskActivity::Fresh,
+        is_fresh: record.activity.is_fresh(),
         robot_us,
-        period_us,
+        period_us: record.period_us,
         duration_us: execution.duration_us,
     };
-    let device = board.link(FrameLists::device_of(record.dispatcher));
     lists.frames.run(
         record.dispatcher,
         &at,

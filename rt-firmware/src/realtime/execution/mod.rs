@@ -14,14 +14,14 @@ use super::events::Event;
 use super::machine::{Machine, Mission};
 use super::observers::Observers;
 use super::slots::SlotEntry;
-use super::tasks::{self, Lists, NO_GROUP, NONE, TaskActivity, TaskEntry, TaskTable};
+use super::tasks::{self, Lists, NONE, TaskActivity, TaskEntry, TaskTable};
 use crate::board::{Board, ticks_between};
 use crate::features::NOTES;
 #[cfg(feature = "links")]
 use crate::frames::{FrameLists, NO_DISPATCHER};
 use crate::list_command::CommandBox;
 use crate::notes::MAX_NOTES;
-use crate::ports::{BackgroundRun, Executor, Registry, StepOutput};
+use crate::ports::{BackgroundRun, Executor, Registry};
 use crate::task::Step;
 use crate::task_word::TaskWord;
 use esm_link::message::SafeReason;
@@ -210,10 +210,15 @@ impl<'q, 'm> Execution<'q, 'm> {
     }
 
     /// The links of the mission begin. Those that it has as the mission `before` go on, where it
-    /// follows one warm; its slots count from `origin_us` on.
+    /// follows one warm at `robot_us`; its slots count from `origin_us` on.
     #[cfg(feature = "links")]
-    pub(super) fn begin_links(&mut self, before: Option<&FrameLists<'_>>, origin_us: u64) {
-        self.tasks.lists.frames.begin(before, origin_us);
+    pub(super) fn begin_links(
+        &mut self,
+        before: Option<&FrameLists<'_>>,
+        origin_us: u64,
+        robot_us: u64,
+    ) {
+        self.tasks.lists.frames.begin(before, origin_us, robot_us);
     }
 
     /// Values and tasks of a mission begin, where those of the one before are left: from here to
@@ -245,12 +250,23 @@ impl<'q, 'm> Execution<'q, 'm> {
         self.executor.end_migration(tasks::left_behind(before));
     }
 
-    /// Begins an activation of a slot with this period, at these times of the mission's tasks and
-    /// the robot.
-    #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn begin(&mut self, slot: usize, t_us: u64, robot_us: u64, period_us: u32) {
+    /// Begins an activation of a slot at these times of the mission's tasks and the robot.
+    pub(super) fn begin(&mut self, slot: usize, t_us: u64, robot_us: u64) {
         self.duration_us = self.duration_us(slot);
-        self.executor.begin(t_us, robot_us, period_us);
+        self.executor.begin(t_us, robot_us);
+    }
+
+    /// Activations that are looked up are counted from these times of the mission's tasks and the
+    /// robot.
+    pub(super) fn set_base(&mut self, (t_us, robot_us): (u64, u64)) {
+        self.executor.begin(t_us, robot_us);
+    }
+
+    /// Begins an activation of a slot so long after the [base](Self::set_base).
+    #[cfg_attr(feature = "speed", inline(always))]
+    pub(super) fn begin_near(&mut self, slot: usize, since_us: u32) {
+        self.duration_us = self.duration_us(slot);
+        self.executor.begin_near(since_us);
     }
 
     /// Forgets what was prepared, and that something was executed.
@@ -263,9 +279,17 @@ impl<'q, 'm> Execution<'q, 'm> {
         }
     }
 
-    /// Whether a task was prepared that was not executed yet.
+    /// Gives the first task of an activation that [began](Self::begin) what its execution needs.
+    /// False if it cannot be executed.
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn is_prepared(&self) -> bool {
+    pub(super) fn prepare_first(&mut self, instance: u16, machine: &Machine<'_, 'm>) -> bool {
+        self.first = instance;
+        self.prepare_task(instance, machine);
+        self.is_prepared()
+    }
+
+    #[cfg_attr(feature = "speed", inline(always))]
+    fn is_prepared(&self) -> bool {
         #[cfg(feature = "links")]
         if self.dispatcher_is_prepared {
             return true;
@@ -273,36 +297,30 @@ impl<'q, 'm> Execution<'q, 'm> {
         self.executor.is_prepared()
     }
 
-    /// Gives the first task of an activation that [began](Self::begin) what its execution needs.
-    /// False if it cannot be executed.
+    /// Executes the first task of a slot, if it was [prepared](Self::prepare_first).
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn prepare_first(&mut self, instance: u16, machine: &Machine<'_, 'm>) -> bool {
-        self.first = instance;
-        self.prepare_task(instance, machine)
+    pub(super) fn execute_first<B: Board>(
+        &mut self,
+        board: &mut B,
+        machine: &mut Machine<'_, 'm>,
+    ) -> Option<Step> {
+        self.run_task(board, machine, self.first)
     }
 
-    /// Executes the enabled tasks of a slot, from the one on that was
-    /// [prepared](Self::prepare_first), in an activation that began at `began_count`.
+    /// Takes over what the first task of a slot did, and executes those that follow it, in an
+    /// activation that began at `began_count`.
     #[cfg_attr(feature = "speed", inline(always))]
-    pub(super) fn execute_tasks<B: Board>(
+    pub(super) fn execute_others<B: Board>(
         &mut self,
+        first: Option<Step>,
         board: &mut B,
         around: Around<'_, '_, 'm>,
         began_count: u32,
     ) {
         let Around { machine, observers } = around;
         let mut began_count = began_count;
-        let mut instance = self.first;
+        let (mut instance, mut step) = (self.first, first);
         loop {
-            #[cfg(feature = "links")]
-            let step = if core::mem::take(&mut self.dispatcher_is_prepared) {
-                links::run(self, board, machine, instance);
-                Some(Step::Run)
-            } else {
-                self.run_task(instance)
-            };
-            #[cfg(not(feature = "links"))]
-            let step = self.run_task(instance);
             let now_count = board.count();
             let took_ticks = ticks_between::<B>(began_count, now_count);
             began_count = now_count;
@@ -320,6 +338,7 @@ impl<'q, 'm> Execution<'q, 'm> {
                 break;
             }
             self.prepare_task(instance, machine);
+            step = self.run_task(board, machine, instance);
         }
     }
 
@@ -339,55 +358,68 @@ impl<'q, 'm> Execution<'q, 'm> {
         core::mem::take(&mut self.has_executed)
     }
 
-    /// Executes the task that was prepared, and keeps which one that is for whoever ends the
-    /// firmware meanwhile.
+    /// Executes the task that was prepared, if one was, and keeps which one that is for whoever
+    /// ends the firmware meanwhile.
     #[cfg_attr(feature = "speed", inline(always))]
-    fn run_task(&mut self, instance: u16) -> Option<Step> {
-        self.task_word.begin(instance);
-        let step = self.executor.run();
+    #[cfg_attr(not(feature = "links"), expect(unused_variables, reason = "for links"))]
+    fn run_task<B: Board>(
+        &mut self,
+        board: &mut B,
+        machine: &mut Machine<'_, 'm>,
+        instance: u16,
+    ) -> Option<Step> {
+        #[cfg(feature = "links")]
+        if core::mem::take(&mut self.dispatcher_is_prepared) {
+            links::run(self, board, machine, instance);
+            return Some(Step::Run);
+        }
+        let step = self.executor.run(|| self.task_word.begin(instance))?;
         self.task_word.end();
-        step
+        Some(step)
     }
 
-    /// Gives an enabled task what its next execution needs. False if it cannot be executed: it is
-    /// busy then.
+    /// Gives an enabled task what its next execution needs. Nothing is prepared if it cannot be
+    /// executed: it is busy then.
     #[inline(never)]
-    fn prepare_task(&mut self, instance: u16, machine: &Machine<'_, 'm>) -> bool {
-        let (Some(record), Some(mission)) = (
-            self.tasks.lists.tasks.get_mut(usize::from(instance)),
-            machine.mission(),
-        ) else {
-            return false;
+    fn prepare_task(&mut self, instance: u16, machine: &Machine<'_, 'm>) {
+        let Some(mission) = machine.mission() else {
+            return;
+        };
+        let Some(record) = self.tasks.lists.tasks.get_mut(usize::from(instance)) else {
+            return;
         };
         #[cfg(feature = "links")]
         {
             self.dispatcher_is_prepared = record.dispatcher != NO_DISPATCHER;
             if self.dispatcher_is_prepared {
                 self.executor.forget();
-                return true;
+                return;
             }
         }
-        if record.group != NO_GROUP
-            && TaskTable::is_held_from(self.tasks.groups, record.group, instance)
-        {
+        if TaskTable::is_held_from(self.tasks.groups, record.group, instance) {
             self.executor.forget();
-            return false;
+            return;
         }
         let inputs = self.executor.inputs();
-        if record.places.control_flags != 0 {
-            inputs.flags = mission.control_flags(&record.places);
+        inputs.period_us = record.period_us;
+        if record.binding.places.control_flags != 0 {
+            inputs.flags = mission.control_flags(&record.binding.places);
         }
-        let count = usize::from(record.params);
-        if count > 0 {
-            machine.find_params(&record.places, count, inputs);
+        if record.params != 0 {
+            machine.find_params(
+                mission,
+                &record.binding.places,
+                record.params.into(),
+                inputs,
+            );
         }
-        let enter = record.activity == TaskActivity::Fresh;
-        self.executor.prepare(&mut record.binding, enter)
+        let enter = record.activity.is_fresh();
+        self.executor.prepare(&mut record.binding, enter);
     }
 
     /// Takes over what a task did, and returns the task instance that follows in its slot. It was
     /// not executed if it is busy.
-    #[inline(never)]
+    #[cfg_attr(feature = "speed", inline(always))]
     fn end_task(
         &mut self,
         instance: u16,
@@ -414,12 +446,12 @@ impl<'q, 'm> Execution<'q, 'm> {
         if record.dispatcher != NO_DISPATCHER {
             return next;
         }
-        if let Some(said) = self.executor.end_step(&record.binding) {
-            mission.apply_flags(&record.places, said.flags);
-            self.take_in(instance, said);
-            if NOTES && !self.executor.notes().is_empty() {
-                self.tell_notes(observers);
-            }
+        let (flags, has_told) = self.executor.end_step(&record.binding);
+        if flags.written != 0 {
+            mission.apply_flags(&record.binding.places, flags);
+        }
+        if has_told {
+            self.take_in(instance, observers);
         }
         if step == Step::Finished {
             mission.report_exit(usize::from(instance));
@@ -429,17 +461,20 @@ impl<'q, 'm> Execution<'q, 'm> {
     }
 
     /// Takes in what a task said beside its flags.
-    #[cfg_attr(feature = "speed", inline(always))]
-    fn take_in(&mut self, instance: u16, said: StepOutput) {
-        if let Some(allowed) = said.allowed_overruns {
+    #[inline(never)]
+    fn take_in(&mut self, instance: u16, observers: &mut Observers<'m>) {
+        let (allowed, failure) = self.executor.told();
+        if let Some(allowed) = allowed {
             self.supervisor = Some((instance, u16::try_from(allowed).unwrap_or(u16::MAX)));
         }
-        self.failure = self.failure.or(said.failure);
+        self.failure = self.failure.or(failure);
+        if NOTES && !self.executor.notes().is_empty() {
+            self.tell_notes(observers);
+        }
     }
 
     /// Tells what a task has noted: as much as there is room for in one execution.
     #[cold]
-    #[inline(never)]
     fn tell_notes(&mut self, observers: &mut Observers<'m>) {
         let robot_us = self.executor.robot_us();
         for index in 0..MAX_NOTES {
@@ -483,7 +518,7 @@ impl<'q, 'm> Execution<'q, 'm> {
 #[inline(never)]
 fn show_busy(mission: &mut Mission<'_>, record: &mut TaskEntry, is_busy: bool) {
     record.is_busy = is_busy;
-    mission.set_busy_at(&record.places, is_busy);
+    mission.set_busy_at(&record.binding.places, is_busy);
 }
 
 /// Watches a macro step: keeps the task table up to date and tells of transitions.

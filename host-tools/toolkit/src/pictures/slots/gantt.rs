@@ -6,17 +6,13 @@ use super::{
     BAND, Content, FREE, GRID, HEADING, INK, MARGIN, MAX_ROWS, PAPER, QUIET_INK, RIGHT, SMALL,
     TEXT, View,
 };
+use crate::pictures::bars::{Bar, LEAST_BAR, bars};
 use crate::pictures::font::{self, Weight};
 use crate::pictures::scene::{Anchor, Scene, Stroke, words};
 use crate::timetable::{Activation, Extent, Row};
 
 const ROW: f32 = 23.0;
 const BAR: f32 = 17.0;
-/// Bars are at least so wide, that none is lost.
-const LEAST_BAR: f32 = 0.9;
-/// What is narrower becomes one with a neighbour that is nearer than [`TOUCHING`].
-const NARROW: f32 = 2.0;
-const TOUCHING: f32 = 1.0;
 /// Gaps that are narrower are not drawn.
 const LEAST_GAP: f32 = 0.3;
 /// Right ends of the columns of numbers.
@@ -25,16 +21,6 @@ const PERIOD: f32 = MARGIN + 92.0;
 const DURATION: f32 = MARGIN + 158.0;
 /// Where names begin.
 const NAMES: f32 = DURATION + 14.0;
-
-/// Something in a row that is drawn as one.
-struct Bar {
-    left: f32,
-    right: f32,
-    content: Content,
-    count: usize,
-    ends_us: [i64; 2],
-    number: i64,
-}
 
 /// Draws the chart below `top`; gives where it ends.
 pub(super) fn draw(view: &View<'_>, top: f32, scene: &mut Scene) -> f32 {
@@ -115,7 +101,7 @@ pub(super) fn draw(view: &View<'_>, top: f32, scene: &mut Scene) -> f32 {
         if activations.is_empty() {
             absent(view, row, y, scene);
         }
-        for bar in bars(view, activations) {
+        for bar in bars(activations, |t_us| view.x(t_us), RIGHT + LEAST_BAR) {
             paint(view, &bar, y, scene);
         }
     }
@@ -228,68 +214,40 @@ fn absent(view: &View<'_>, row: &Row, y: f32, scene: &mut Scene) {
     }
 }
 
-/// The bars of a row, from left to right: what is too narrow and too near to be told apart is one.
-fn bars(view: &View<'_>, activations: &[Activation]) -> Vec<Bar> {
-    let mut bars: Vec<Bar> = Vec::new();
-    for one in activations {
-        let left = view.x(one.start_us);
-        let right = view
-            .x(one.end_us)
-            .max(left + LEAST_BAR)
-            .min(RIGHT + LEAST_BAR);
-        let is_narrow = right - left < NARROW;
-        match bars.last_mut() {
-            Some(last)
-                if left - last.right < TOUCHING
-                    && (is_narrow || last.right - last.left < NARROW) =>
-            {
-                last.right = last.right.max(right);
-                last.content = last.content.and(view.content(one.slot));
-                last.count += 1;
-                last.ends_us[1] = one.end_us;
-            }
-            _ => bars.push(Bar {
-                left,
-                right,
-                content: view.content(one.slot),
-                count: 1,
-                ends_us: [one.start_us, one.end_us],
-                number: one.number,
-            }),
-        }
-    }
-    bars
-}
-
-fn paint(view: &View<'_>, bar: &Bar, y: f32, scene: &mut Scene) {
-    let [from_us, to_us] = bar.ends_us;
+fn paint(view: &View<'_>, bar: &Bar<'_>, y: f32, scene: &mut Scene) {
+    let [from_us, to_us] = bar.ends_us();
+    let contents = bar.activations.iter().map(|one| view.content(one.slot));
+    let Some((content, first)) = contents.reduce(Content::and).zip(bar.activations.first()) else {
+        return;
+    };
+    let count = bar.activations.len();
     let name = |slot: usize| {
         view.timetable()
             .slots()
             .get(slot)
             .map_or(0, |slot| slot.number)
     };
-    scene.tooltip(match bar.content.slot {
-        Some(slot) if bar.count == 1 => {
+    scene.tooltip(match content.slot {
+        Some(slot) if count == 1 => {
             format!(
                 "slot {}, occurrence {}: {from_us} us to {to_us} us",
                 name(slot),
-                bar.number
+                first.number
             )
         }
         Some(slot) => format!(
             "slot {}, {} occurrences: {from_us} us to {to_us} us",
             name(slot),
-            bar.count
+            count
         ),
-        None => format!("{} occurrences: {from_us} us to {to_us} us", bar.count),
+        None => format!("{count} occurrences: {from_us} us to {to_us} us"),
     });
-    let colour = bar.content.fill();
+    let colour = content.fill();
     let size = [bar.right - bar.left, BAR];
     // A thin edge keeps neighbours apart.
     let edge = (size[0] > 4.0).then_some(Stroke::solid(PAPER, 0.6));
     scene.rectangle([bar.left, y], size, colour, edge);
-    if let Some(slot) = bar.content.slot {
+    if let Some(slot) = content.slot {
         view.number_inside(slot, [bar.left, y], size, scene);
     }
 }
