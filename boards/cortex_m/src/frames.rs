@@ -94,7 +94,8 @@ type Owned = &'static mut Buffer;
 /// # Panics
 /// Where it is called twice.
 pub fn start<C: FrameUart>() -> (FrameLine<C>, FrameDevice<C>) {
-    let buffers = singleton!(: [Buffer; 2 * WAITING] = [Buffer::EMPTY; 2 * WAITING]);
+    // One after the other, so that they do not stand on the stack first.
+    let buffers = singleton!(: Vec<Buffer, { 2 * WAITING }> = Vec::new());
     let ready = singleton!(: Queue<Owned, PLACES> = Queue::new());
     let sent = singleton!(: Queue<Owned, PLACES> = Queue::new());
     let arrived = singleton!(: Queue<Owned, PLACES> = Queue::new());
@@ -108,6 +109,7 @@ pub fn start<C: FrameUart>() -> (FrameLine<C>, FrameDevice<C>) {
     let (mut sent_in, sent_out) = sent.split();
     let (arrived_in, arrived_out) = arrived.split();
     let (mut read_in, read_out) = read.split();
+    while buffers.push(Buffer::EMPTY).is_ok() {}
     let (to_send, to_receive) = buffers.split_at_mut(WAITING);
     for (to, buffers) in [(&mut sent_in, to_send), (&mut read_in, to_receive)] {
         for buffer in buffers {
