@@ -339,6 +339,8 @@ impl Task for Spin {
         /// Longer than a round, shorter than any handler.
         const SHORTEST_HANDLER_TICKS: u32 = ticks_of(50);
         let quiet = phase() == Phase::Quiet;
+        // A task that was executed between two steps of this one belongs to no gap.
+        OWN.store(0, Relaxed);
         interruptions::look(SHORTEST_HANDLER_TICKS, |gap, usual| {
             // Whatever was executed before this one is taken off for nothing where no task is
             // enabled.
