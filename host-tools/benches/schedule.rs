@@ -72,6 +72,10 @@ fn rows() -> Vec<Row> {
         &[90, 95, 98, 100],
     ));
     rows.extend([20, 60].map(|count| single(Kind::Link, count, 40)));
+    rows.extend([40, 60, 80].map(|percent| single(Kind::Link, 500, percent)));
+    rows.extend([20, 60, 200, 500].into_iter().flat_map(|count| {
+        [90, 100].map(|percent| single(Kind::Planted(Family::Message), count, percent))
+    }));
     rows.extend([45, 72].map(|count| single(Kind::Table, count, 30)));
     rows.extend(sets(Kind::Random, &[500, 2_000], &[83]));
     rows.extend(sets(Kind::Planted, &[500, 2_000], &[83]));

@@ -32,6 +32,8 @@ pub enum Family {
     Automotive,
     /// 400, 200, 100, 50, 40, 20, 10, 5, 2 and 1 Hz.
     Robot,
+    /// Those of messages on a link: 10, 20, 50, … 1,000 ms.
+    Message,
 }
 
 impl Family {
@@ -71,6 +73,15 @@ impl Family {
                 (500_000, 3),
                 (1_000_000, 4),
             ],
+            Family::Message => &[
+                (10_000, 1),
+                (20_000, 3),
+                (50_000, 3),
+                (100_000, 6),
+                (200_000, 4),
+                (500_000, 3),
+                (1_000_000, 5),
+            ],
         }
     }
 }
@@ -90,7 +101,7 @@ pub enum Kind {
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Kind; 8] = [
+    pub const ALL: [Kind; 10] = [
         Kind::Random(Family::Harmonic),
         Kind::Random(Family::Automotive),
         Kind::Random(Family::Robot),
@@ -99,6 +110,8 @@ impl Kind {
         Kind::Planted(Family::Robot),
         Kind::Link,
         Kind::Table,
+        Kind::Random(Family::Message),
+        Kind::Planted(Family::Message),
     ];
 
     /// Whether each set has a schedule.
@@ -116,6 +129,8 @@ impl fmt::Display for Kind {
             Kind::Planted(Family::Harmonic) => "planted harmonic",
             Kind::Planted(Family::Automotive) => "planted automotive",
             Kind::Planted(Family::Robot) => "planted robot",
+            Kind::Random(Family::Message) => "random message",
+            Kind::Planted(Family::Message) => "planted message",
             Kind::Link => "link",
             Kind::Table => "table",
         };
@@ -319,21 +334,13 @@ fn messages(count: usize, percent: u32, random: &mut Random) -> Vec<Times> {
     const BAUD: u64 = 115_200;
     const BITS: u64 = 10;
     const MAX_BYTES: u64 = 40;
-    const PERIODS_US: [(u32, u64); 7] = [
-        (10_000, 1),
-        (20_000, 3),
-        (50_000, 3),
-        (100_000, 6),
-        (200_000, 4),
-        (500_000, 3),
-        (1_000_000, 5),
-    ];
+    let periods_us = Family::Message.periods_us();
     let lasts_us =
         |bytes: u64| u32::try_from((bytes * BITS * 1_000_000).div_ceil(BAUD)).unwrap_or(u32::MAX);
     let mut times_us: Vec<Times> = (0..count)
         .map(|_| {
             let bytes = 4 + random.below(MAX_BYTES - 3);
-            (period(&PERIODS_US, random), lasts_us(bytes))
+            (period(periods_us, random), lasts_us(bytes))
         })
         .collect();
     // Too much: in rounds, those that take more than most come less often, then get shorter.
@@ -343,7 +350,7 @@ fn messages(count: usize, percent: u32, random: &mut Random) -> Vec<Times> {
         let mean = taken / count as f64;
         let before = taken;
         for times in times_us.iter_mut().filter(|times| share(**times) >= mean) {
-            let slower = PERIODS_US
+            let slower = periods_us
                 .iter()
                 .find(|(period_us, _)| *period_us > times.0);
             let changed = match slower {
