@@ -65,20 +65,17 @@ pub fn esm_binary() -> &'static Path {
 /// # Panics
 /// If it does not build; what `cargo xtask firmware` said is above.
 pub fn firmware(name: &str) -> PathBuf {
-    static BUILT: OnceLock<()> = OnceLock::new();
-    BUILT.get_or_init(|| {
-        make(&[
-            "xtask",
-            "firmware",
-            "--bin",
-            "rover",
-            "--bin",
-            "faults",
-            "--bin",
-            "bench_bound",
-        ])
-    });
-    root().join(format!("target/firmware/lm3s6965/{name}.elf"))
+    make(&[
+        "xtask",
+        "firmware",
+        "--bin",
+        "rover",
+        "--bin",
+        "faults",
+        "--bin",
+        "bench_bound",
+    ]);
+    elf("lm3s6965", name)
 }
 
 /// The default firmware of the board of that name, which is not the default one; its emulator is
@@ -87,25 +84,19 @@ pub fn firmware(name: &str) -> PathBuf {
 /// # Panics
 /// As [`firmware`].
 pub fn chip_firmware(board: &str) -> PathBuf {
-    static BUILT: Mutex<Vec<String>> = Mutex::new(Vec::new());
-    let mut built = BUILT.lock().unwrap_or_else(PoisonError::into_inner);
-    if built.iter().all(|name| name != board) {
-        make(&["xtask", "emulator", "--board", board]);
-        make(&["xtask", "firmware", "--board", board]);
-        built.push(board.to_owned());
-    }
-    root().join(format!("target/firmware/{board}/rover.elf"))
+    make(&["xtask", "emulator", "--board", board]);
+    make(&["xtask", "firmware", "--board", board]);
+    elf(board, "rover")
 }
 
-/// The firmware of that board for the rover with more sensors, beside which its robot's file lies.
-/// Never older than its source.
+/// The firmware of that board with a feature that its default one lacks, such as `links`. Never
+/// older than its source.
 ///
 /// # Panics
 /// As [`firmware`].
-pub fn firmware_with_sensors(board: &str) -> PathBuf {
-    static BUILT: OnceLock<()> = OnceLock::new();
-    BUILT.get_or_init(|| make(&["xtask", "firmware", "--board", board, "--with", "sensors"]));
-    root().join(format!("target/firmware/{board}/rover-sensors.elf"))
+pub fn firmware_with(board: &str, feature: &str) -> PathBuf {
+    make(&["xtask", "firmware", "--board", board, "--with", feature]);
+    elf(board, &format!("rover-{feature}"))
 }
 
 /// The firmware of the example of a robot with a file of its own. Never older than its source.
@@ -113,9 +104,8 @@ pub fn firmware_with_sensors(board: &str) -> PathBuf {
 /// # Panics
 /// As [`firmware`].
 pub fn example_of_a_file() -> PathBuf {
-    static BUILT: OnceLock<()> = OnceLock::new();
-    BUILT.get_or_init(|| make(&["xtask", "firmware", "--robot", "examples/my_pico"]));
-    root().join("target/firmware/pico/my_pico.elf")
+    make(&["xtask", "firmware", "--robot", "examples/my_pico"]);
+    elf("pico", "my_pico")
 }
 
 /// The default firmware built without its features, never older than its source.
@@ -123,52 +113,24 @@ pub fn example_of_a_file() -> PathBuf {
 /// # Panics
 /// As [`firmware`].
 pub fn lean_firmware() -> PathBuf {
-    static BUILT: OnceLock<()> = OnceLock::new();
-    BUILT.get_or_init(|| make(&["xtask", "firmware", "--lean"]));
-    root().join("target/firmware/lm3s6965/rover-lean.elf")
+    make(&["xtask", "firmware", "--lean"]);
+    elf("lm3s6965", "rover-lean")
 }
 
-/// The default firmware built with behaviours, never older than its source.
-///
-/// # Panics
-/// As [`firmware`].
-pub fn firmware_with_behaviours() -> PathBuf {
-    static BUILT: OnceLock<()> = OnceLock::new();
-    BUILT.get_or_init(|| make(&["xtask", "firmware", "--with", "behaviours"]));
-    root().join("target/firmware/lm3s6965/rover-behaviours.elf")
+/// Where `cargo xtask firmware` leaves a firmware.
+fn elf(board: &str, name: &str) -> PathBuf {
+    root().join(format!("target/firmware/{board}/{name}.elf"))
 }
 
-/// The default firmware built with links, never older than its source.
-///
-/// # Panics
-/// As [`firmware`].
-pub fn firmware_with_links() -> PathBuf {
-    static BUILT: OnceLock<()> = OnceLock::new();
-    BUILT.get_or_init(|| make(&["xtask", "firmware", "--with", "links"]));
-    root().join("target/firmware/lm3s6965/rover-links.elf")
-}
-
-/// The same of the board stm32f405.
-///
-/// # Panics
-/// As [`firmware`].
-pub fn stm32f405_with_links() -> PathBuf {
-    static BUILT: OnceLock<()> = OnceLock::new();
-    BUILT.get_or_init(|| {
-        make(&[
-            "xtask",
-            "firmware",
-            "--board",
-            "stm32f405",
-            "--with",
-            "links",
-        ]);
-    });
-    root().join("target/firmware/stm32f405/rover-links.elf")
-}
-
-/// Runs cargo at the top of the checkout.
+/// Runs cargo at the top of the checkout, once for the same arguments: the source does not change
+/// while tests run.
 fn make(arguments: &[&str]) {
+    static MADE: Mutex<Vec<String>> = Mutex::new(Vec::new());
+    let mut made = MADE.lock().unwrap_or_else(PoisonError::into_inner);
+    let words = arguments.join(" ");
+    if made.contains(&words) {
+        return;
+    }
     let mut cargo = Command::new("cargo");
     cargo
         .args(arguments)
@@ -177,9 +139,9 @@ fn make(arguments: &[&str]) {
     let status = spawn(&mut cargo).and_then(|mut cargo| cargo.wait());
     assert!(
         status.is_ok_and(|status| status.success()),
-        "`cargo {}` fails: see above. `cargo xtask test` finds or installs all that the tests need",
-        arguments.join(" ")
+        "`cargo {words}` fails: see above. `cargo xtask test` finds or installs all that the tests need"
     );
+    made.push(words);
 }
 
 /// The first number on the line of the summary that has the word.

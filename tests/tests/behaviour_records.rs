@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use esm_tests::command::{Robot, esm, firmware_with_behaviours, root};
+use esm_tests::command::{Robot, esm, firmware_with, root};
 
 /// What a run of the guard among people tells, without its summary.
 fn told(board: &[&str]) -> Vec<String> {
@@ -26,7 +26,7 @@ fn places(lines: &[String], words: &str) -> Vec<usize> {
 #[test]
 fn a_guard_that_somebody_steps_before_is_told_of_equally_on_both_boards() {
     let host = told(&["--board", "host"]);
-    let firmware = firmware_with_behaviours();
+    let firmware = firmware_with("lm3s6965", "behaviours");
     let emulated = told(&["--firmware", firmware.to_str().unwrap()]);
     assert_eq!(host, emulated);
     // It drives, somebody steps before it and away again, and it goes on.

@@ -5,7 +5,7 @@
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::Path;
 
-use esm_tests::command::{esm, firmware_with_behaviours};
+use esm_tests::command::{esm, firmware_with};
 use object::{File, Object, ObjectSymbol};
 
 /// The trace of 40 s of the guard's round.
@@ -24,7 +24,7 @@ fn read(path: &Path) -> String {
 
 #[test]
 fn a_round_is_the_same_on_the_emulated_board_and_on_the_host() {
-    let firmware = firmware_with_behaviours();
+    let firmware = firmware_with("lm3s6965", "behaviours");
     let emulated = ["--firmware", firmware.to_str().unwrap()];
     for (world, corners) in [("office", 5), ("corridor", 3)] {
         let host = trace(&["--board", "host"], world);
@@ -42,7 +42,7 @@ fn a_round_is_the_same_on_the_emulated_board_and_on_the_host() {
 #[test]
 fn the_robot_with_behaviours_leaves_room_on_the_stack() {
     const LEFT_BYTES: u64 = 512;
-    let firmware = firmware_with_behaviours();
+    let firmware = firmware_with("lm3s6965", "behaviours");
     let bytes = std::fs::read(&firmware).unwrap();
     let elf = File::parse(bytes.as_slice()).unwrap();
     let address = |name| elf.symbol_by_name(name).unwrap().address();

@@ -11,7 +11,7 @@ use esm_link::behaviours::{
     BehaviourRequest, Call, MAX_DRIVE_US, Origin, Reaction, ScriptState, Situation, Watch,
 };
 use esm_link::message::{LinkError, Swap};
-use esm_tests::command::{Robot, Running, esm, firmware_with_behaviours, root};
+use esm_tests::command::{Robot, Running, esm, firmware_with, root};
 use esm_tests::host_drive::{self, world};
 use esm_tests::random::Random;
 use esm_tests::subject;
@@ -598,7 +598,7 @@ fn left(words: &[&str]) -> (String, String, f64) {
 
 #[test]
 fn scripts_and_steering_are_the_same_on_the_emulated_board_and_on_the_host() {
-    let firmware = firmware_with_behaviours();
+    let firmware = firmware_with("lm3s6965", "behaviours");
     let emulated = ["--firmware", firmware.to_str().unwrap()];
     let script = ["--until", "20 s", "--script", "missions/square.script"];
     let steered = [

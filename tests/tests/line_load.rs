@@ -25,7 +25,7 @@ use esm_link::frame::{DELIMITER, FrameReader, MAX_FRAME_BYTES, decode, encode};
 use esm_link::message::{
     FromDevice, LinkError, Mode, Request, ResetReason, Response, Status, ToDevice,
 };
-use esm_tests::command::{firmware, firmware_with_behaviours, root};
+use esm_tests::command::{firmware, firmware_with, root};
 use esm_tests::random::Random;
 use esm_tests::{environment, subject};
 use host_tools::boards;
@@ -561,7 +561,7 @@ fn requests_of_the_list() -> Vec<(&'static str, Request<'static>)> {
 fn what_is_asked_of_the_list_of_behaviours_at_full_rate_costs_no_slot() {
     let mission = blob("missions/by_hand.esm");
     let robot = robot_by(
-        firmware_with_behaviours(),
+        firmware_with("lm3s6965", "behaviours"),
         &mission,
         LinkWay::Exchange,
         Pace::new(false),

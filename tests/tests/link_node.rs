@@ -13,7 +13,7 @@ use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use esm_tests::command::{esm, esm_binary, esm_in, firmware_with_links, root};
+use esm_tests::command::{esm, esm_binary, esm_in, firmware_with, root};
 use serde_json::{Value, json};
 
 /// A node that runs.
@@ -171,7 +171,7 @@ fn an_operator_is_heard_by_a_board_and_hears_it() {
     fs::write(path("qemu-system-arm"), emulator).unwrap();
     fs::set_permissions(path("qemu-system-arm"), fs::Permissions::from_mode(0o755)).unwrap();
     let search = format!("{}:{}", path(""), std::env::var("PATH").unwrap());
-    let firmware = firmware_with_links();
+    let firmware = firmware_with("lm3s6965", "links");
     let (mission, trace) = (path("board.esm"), path("trace.jsonl"));
     let firmware = firmware.to_str().unwrap().to_owned();
     esm_binary();

@@ -7,9 +7,7 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use esm_link::message::{Mode, ResetReason};
-use esm_tests::command::{
-    chip_firmware, esm, example_of_a_file, figure, firmware_with_sensors, root,
-};
+use esm_tests::command::{chip_firmware, esm, example_of_a_file, figure, firmware_with, root};
 use esm_tests::subject;
 use host_tools::boards;
 use host_tools::link_client::LinkClient;
@@ -279,7 +277,7 @@ fn a_robot_with_bumpers_and_a_gyroscope_feels_and_turns_by_them() {
         std::fs::write(&file, text).unwrap();
         file.to_str().unwrap().to_owned()
     };
-    let built = firmware_with_sensors("pico");
+    let built = firmware_with("pico", "sensors");
     let firmware = folder().join("feels.elf");
     std::fs::copy(&built, &firmware).unwrap();
     let measures = std::fs::read_to_string(built.with_extension("toml")).unwrap();

@@ -6,7 +6,7 @@ use std::f32::consts::FRAC_PI_2;
 use std::path::Path;
 
 use esm_link::position::Correction;
-use esm_tests::command::{Robot, esm, firmware_with_behaviours, root};
+use esm_tests::command::{Robot, esm, firmware_with, root};
 use esm_tests::host_drive::{self, world};
 use host_tools::run::by_hand::{ByHand, Placed};
 use host_tools::run::drive::Plan;
@@ -217,7 +217,7 @@ fn left(words: &[&str]) -> (String, String) {
 
 #[test]
 fn positions_are_the_same_on_the_emulated_board_and_on_the_host() {
-    let firmware = firmware_with_behaviours();
+    let firmware = firmware_with("lm3s6965", "behaviours");
     let told = [
         "--until",
         "8 s",

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use esm_link::behaviours::ScriptState;
 use esm_link::message::{BankState, Mode, Source, Status, Swap};
-use esm_tests::command::{chip_firmware, firmware, firmware_with_behaviours, root};
+use esm_tests::command::{chip_firmware, firmware, firmware_with, root};
 use esm_tests::{environment, subject};
 use host_tools::boards;
 use host_tools::link_client::LinkClient;
@@ -123,7 +123,7 @@ impl Board {
                     sensors,
                 };
                 let elf = match self {
-                    Board::WithBehaviours => firmware_with_behaviours(),
+                    Board::WithBehaviours => firmware_with("lm3s6965", "behaviours"),
                     _ => firmware("rover"),
                 };
                 let board = self.about();

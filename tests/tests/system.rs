@@ -11,7 +11,7 @@
 use std::fs;
 use std::path::PathBuf;
 
-use esm_tests::command::{Done, esm, firmware_with_links, root, stm32f405_with_links};
+use esm_tests::command::{Done, esm, firmware_with, root};
 use esm_tests::environment;
 use serde_json::Value;
 
@@ -610,14 +610,14 @@ fn missions_with_other_frames_take_over_one_after_the_other_and_the_link_comes_b
 
 #[test]
 fn missions_take_over_on_boards_in_the_emulator_as_well() {
-    firmware_with_links();
+    firmware_with("lm3s6965", "links");
     exchange(["", " board lm3s6965"]);
     exchange([" board lm3s6965", " board lm3s6965"]);
 }
 
 #[test]
 fn a_board_in_the_emulator_leaves_the_trace_of_one_on_the_host_and_the_same_in_each_run() {
-    firmware_with_links();
+    firmware_with("lm3s6965", "links");
     let folder = Folder::new();
     let seconds = environment::number("ESM_SYSTEM_S", 8);
     let until = format!("{seconds} s");
@@ -641,7 +641,7 @@ fn a_board_in_the_emulator_leaves_the_trace_of_one_on_the_host_and_the_same_in_e
     assert!(!halted.is_empty(), "the cable is cut");
     let mut mixed = vec![("", board), (board, ""), (board, board)];
     if environment::number("ESM_LINK_BOARDS", 1) > 1 {
-        stm32f405_with_links();
+        firmware_with("stm32f405", "links");
         let other = "board stm32f405";
         mixed.extend([(other, ""), ("", other), (other, board), (other, other)]);
     }
@@ -835,7 +835,7 @@ fn a_processor_that_is_reset_is_missed_in_time_and_comes_back() {
 
 #[test]
 fn a_board_in_the_emulator_that_is_reset_leaves_the_trace_of_one_on_the_host() {
-    firmware_with_links();
+    firmware_with("lm3s6965", "links");
     let folder = Folder::new();
     let board = "board lm3s6965";
     for (processor, boards) in [
@@ -950,7 +950,7 @@ fn talker(name: &str, sent: [u16; 2], heard: [u16; 2]) -> String {
 
 #[test]
 fn frames_start_in_time_by_clocks_that_drift_and_none_is_lost() {
-    firmware_with_links();
+    firmware_with("lm3s6965", "links");
     let folder = Folder::new();
     folder.write("near.esm", &talker("Near", [1, 2], [3, 4]));
     folder.write("far.esm", &talker("Far", [3, 4], [1, 2]));

@@ -12,14 +12,14 @@ use std::io::{Read, Write};
 use std::ops::Range;
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::mpsc;
 use std::thread;
 
 use esm_link::frames::configuration::{Configuration, Content};
 use esm_link::frames::receiver::{InFrame, Receiver, SortedFrames};
 use esm_link::frames::wire::{self, Header, MAX_WIRE_BYTES};
-use esm_tests::command::{esm, esm_in, firmware, firmware_with_links, stm32f405_with_links};
+use esm_tests::command::{esm, esm_in, firmware, firmware_with};
 use esm_tests::environment;
 use esm_tests::random::Random;
 use serde_json::Value;
@@ -56,26 +56,11 @@ fn run_of<'a>(
     [&of_board[..], &["--world", "office", "--until", until]].concat()
 }
 
-/// A board with a firmware with links.
-#[derive(Clone, Copy)]
-struct Board {
-    name: &'static str,
-    firmware: fn() -> PathBuf,
-}
-
-const BOARDS: [Board; 2] = [
-    Board {
-        name: "lm3s6965",
-        firmware: firmware_with_links,
-    },
-    Board {
-        name: "stm32f405",
-        firmware: stm32f405_with_links,
-    },
-];
+/// Boards with a firmware with links.
+const BOARDS: [&str; 2] = ["lm3s6965", "stm32f405"];
 
 /// Those that this run is about.
-fn boards() -> impl Iterator<Item = Board> {
+fn boards() -> impl Iterator<Item = &'static str> {
     let count = environment::number("ESM_LINK_BOARDS", 1);
     BOARDS.into_iter().take(count as usize)
 }
@@ -90,7 +75,7 @@ struct Ran {
 
 /// Runs a mission on a board whose second UART leads to `partner`.
 fn run(
-    board: Board,
+    board: &str,
     mission: &str,
     until: &str,
     partner: impl FnOnce(UnixStream) + Send + 'static,
@@ -112,9 +97,9 @@ fn run(
         folder.path().to_str().unwrap(),
         std::env::var("PATH").unwrap()
     );
-    let firmware = (board.firmware)();
+    let firmware = firmware_with(board, "links");
     let (mission, trace) = (path("mission.esm"), path("trace.jsonl"));
-    let mut arguments = run_of(&mission, board.name, &firmware, until);
+    let mut arguments = run_of(&mission, board, &firmware, until);
     arguments.extend(["--link", "uart", "--realtime", "--json", "--trace", &trace]);
     let summary = esm_in(&[("PATH", &search)], &arguments).good().json();
     partner.join().unwrap();
@@ -160,13 +145,9 @@ fn what_a_board_sends_over_its_uart_it_can_receive() {
         let entered = ran.entered.iter().map(|(_, state)| state.as_str());
         let heard: Vec<&str> = entered.filter(|it| it.starts_with("hearing/")).collect();
         let times = heard.iter().filter(|it| **it == "hearing/Yes").count();
-        assert!(times >= 3, "{}: {heard:?}", board.name);
-        assert!(
-            !heard.contains(&"hearing/Wrong"),
-            "{}: {heard:?}",
-            board.name
-        );
-        assert_eq!(missed(&ran.summary), (0, 0), "{}", board.name);
+        assert!(times >= 3, "{}: {heard:?}", board);
+        assert!(!heard.contains(&"hearing/Wrong"), "{}: {heard:?}", board);
+        assert_eq!(missed(&ran.summary), (0, 0), "{}", board);
     }
 }
 
@@ -359,6 +340,6 @@ fn a_mission_with_links_is_refused_where_they_are_not_and_before_it_is_sent() {
         assert!(done.err.contains(words), "{}", done.err);
     }
     for board in BOARDS {
-        esm(&["check", mission, "--board", board.name]).good();
+        esm(&["check", mission, "--board", board]).good();
     }
 }
