@@ -719,7 +719,13 @@ fn words(command: &str) -> Vec<String> {
 #[test]
 fn the_commands_of_the_front_page_work_as_they_stand() {
     let folder = tempfile::tempdir().unwrap();
-    let made = ["patrol.blob", "patrol.rec", "patrol.svg"];
+    let made = [
+        "patrol.blob",
+        "patrol.rec",
+        "patrol.svg",
+        "rover.recs",
+        "schedule.svg",
+    ];
     let there = |word: String, name: &&str| {
         let path = folder.path().join(name);
         word.replace(name, path.to_str().unwrap())
