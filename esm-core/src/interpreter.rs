@@ -71,6 +71,19 @@ where
     pub fn new(verified: Verified<B>, arena: &'m mut [u32]) -> Result<Self, ArenaTooSmall<'m, B>> {
         Self::with_reads(verified, arena)
     }
+
+    /// The same as [`Interpreter::new`] where the arena is known to be large enough. If it is not
+    /// there is none, and the blob is lost. It takes less of the stack, for there is nothing to
+    /// give back.
+    #[inline]
+    #[must_use]
+    pub fn in_arena(verified: Verified<B>, arena: &'m mut [u32]) -> Option<Self> {
+        if arena.len() < verified.arena_words() {
+            return None;
+        }
+        let machine = Machine::new(&verified.tables(), arena);
+        Some(Self { machine, verified })
+    }
 }
 
 impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
@@ -87,14 +100,16 @@ impl<'m, B: Deref<Target = [u8]>, R: Reads<B>> Interpreter<'m, B, R> {
         verified: Verified<B>,
         arena: &'m mut [u32],
     ) -> Result<Self, ArenaTooSmall<'m, B>> {
-        match Machine::new(&verified.tables(), arena) {
-            Ok(machine) => Ok(Self { machine, verified }),
-            Err(arena) => Err(ArenaTooSmall {
-                needed_words: verified.arena_words(),
+        let needed_words = verified.arena_words();
+        if arena.len() < needed_words {
+            return Err(ArenaTooSmall {
+                needed_words,
                 verified,
                 arena,
-            }),
+            });
         }
+        let machine = Machine::new(&verified.tables(), arena);
+        Ok(Self { machine, verified })
     }
 
     /// The same machine with another time between its macro steps than the period of the

@@ -103,8 +103,8 @@ pub(super) fn bit_of(region: usize) -> u32 {
 }
 
 impl<'m, R: Access> Machine<'m, R> {
-    /// A machine before its first macro step. The arena comes back if it has not so many words.
-    pub(super) fn new(tables: &Tables<'_>, arena: &'m mut [u32]) -> Result<Self, &'m mut [u32]> {
+    /// A machine before its first macro step, in an arena that is large enough.
+    pub(super) fn new(tables: &Tables<'_>, arena: &'m mut [u32]) -> Self {
         let blob = R::blob(tables.bytes());
         let mission = R::place(tables.bytes(), tables.start_at(Section::Mission as usize));
         let number =
@@ -116,10 +116,7 @@ impl<'m, R: Access> Machine<'m, R> {
             number(mission::FLAGS),
             queue_capacity,
         );
-        let Some(used) = arena.get_mut(..layout.words()) else {
-            return Err(arena);
-        };
-        used.fill(0);
+        arena.iter_mut().take(layout.words()).for_each(|word| *word = 0);
         let table = |section| R::place(tables.bytes(), tables.start_at(section as usize));
         let mut part = |word| R::part(arena, word);
         let places = Places {
@@ -163,7 +160,7 @@ impl<'m, R: Access> Machine<'m, R> {
             machine.set_current(region, initial);
         }
         machine.start_regions(blob, 0, layout.regions);
-        Ok(machine)
+        machine
     }
 
     // ─── Tables ──────────────────────────────────────────────────────────────────────────────────

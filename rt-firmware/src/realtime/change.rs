@@ -6,17 +6,25 @@
 
 use super::RealTime;
 use super::machine::Trial;
-use super::staging::StagedMission;
+use super::staging::StoppedMission;
 use super::timetable::Origin;
 use crate::board::{Board, ticks};
 use crate::features::WARM;
 use crate::realtime::mailbox::{Command, Content, Reply};
-use esm_link::message::{LinkError, Mode, Swap};
+use esm_link::message::{LinkError, Mode, SafeReason, Swap};
 use esm_link::trial::FallBackReason;
 
 /// How long before the first macro step of another mission the missions are exchanged, if nothing
 /// is due in between: longer than that takes.
 const CHANGE_LEAD_US: u32 = 2_000;
+
+/// The trial of a mission that is about to start.
+pub(super) struct NewTrial {
+    /// Why the robot is in the safe state, if it is.
+    safe: Option<SafeReason>,
+    /// Robot time at which it ends.
+    until_us: u64,
+}
 
 /// [`CHANGE_LEAD_US`] on the board's clock.
 pub(super) fn lead_ticks<B: Board>() -> u64 {
@@ -46,18 +54,16 @@ impl<'m> RealTime<'_, 'm> {
         let Some(content) = self.commands.take_waiting() else {
             return;
         };
-        let reply = match core::mem::replace(content, Content::Empty) {
+        // Looked at in its place: on the stack, it would lie under the mission that starts.
+        let reply = match content {
             Content::Command(Command::FallBack { .. }) => {
                 self.fall_back(FallBackReason::Asked, at);
                 Reply::Done
             }
-            Content::Command(Command::Swap {
-                mission,
-                swap,
-                saved,
-            }) => {
-                self.machine.save(&saved);
-                self.swap(mission, swap, at)
+            Content::Command(Command::Swap { swap, saved, .. }) => {
+                self.machine.save(saved);
+                let swap = *swap;
+                self.swap(content, swap, at)
             }
             _ => self.start_anew(at),
         };
@@ -65,31 +71,39 @@ impl<'m> RealTime<'_, 'm> {
         self.answer_then(content);
     }
 
-    /// Switches to another mission.
+    /// Switches to the mission of a command.
     // Not inlined, as nothing here: no other mission should be made on top of this one.
     #[inline(never)]
-    fn swap(&mut self, new: StagedMission<'m>, swap: Swap, at: Origin) -> Reply<'m> {
-        let mission = new.mission().hash();
+    fn swap(&mut self, content: &mut Content<'m>, swap: Swap, at: Origin) -> Reply<'m> {
         // What failed or stands still has nothing to hand over.
         let warm = swap.warm && self.safety.is_running();
-        let safe = self.safety.safe_reason();
-        let (carried, old, pairs) = self.start_staged(new, warm, at);
-        let on_trial = swap.trial_ms > 0;
-        if on_trial {
-            self.machine.begin_trial(Trial {
-                before: old,
-                safe,
-                until_us: at.us + u64::from(swap.trial_ms) * 1_000,
-                failed: None,
-            });
-        } else if let Some(old) = old {
-            self.machine.free(old, None);
-        }
+        let trial = (swap.trial_ms > 0).then(|| NewTrial {
+            safe: self.safety.safe_reason(),
+            until_us: at.us + u64::from(swap.trial_ms) * 1_000,
+        });
+        let on_trial = trial.is_some();
+        let (carried, pairs) = self.start_staged(content, warm, trial, at);
         Reply::Swapped {
-            mission,
+            mission: self.machine.hash().unwrap_or_default(),
             on_trial,
             carried,
             pairs,
+        }
+    }
+
+    /// Keeps the mission before while the new one is on trial; if it is not, its buffer goes back.
+    // Not inlined: the new mission should not be made on top of the one before.
+    #[inline(never)]
+    pub(super) fn leave(&mut self, before: Option<StoppedMission<'m>>, trial: Option<NewTrial>) {
+        match (trial, before) {
+            (Some(NewTrial { safe, until_us }), before) => self.machine.begin_trial(Trial {
+                before,
+                safe,
+                until_us,
+                failed: None,
+            }),
+            (None, Some(before)) => self.machine.free(before, None),
+            (None, None) => {}
         }
     }
 

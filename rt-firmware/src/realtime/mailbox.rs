@@ -89,6 +89,21 @@ pub(crate) enum Content<'m> {
     Note(Bytes),
 }
 
+impl<'m> Content<'m> {
+    /// Takes the mission of a swap out.
+    // Not inlined: the rest of the command is then off the stack before the mission starts.
+    #[inline(never)]
+    pub(crate) fn take_mission(&mut self) -> Option<StagedMission<'m>> {
+        match core::mem::replace(self, Self::Empty) {
+            Self::Command(Command::Swap { mission, .. }) => Some(mission),
+            other => {
+                *self = other;
+                None
+            }
+        }
+    }
+}
+
 /// What the link asks of the real-time side.
 #[allow(
     clippy::large_enum_variant,

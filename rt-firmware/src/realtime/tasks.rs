@@ -140,6 +140,8 @@ pub(crate) struct TaskTable<'m> {
 
 /// Makes the lists of a mission that was [checked](crate::check), before its first macro step:
 /// gives each task instance a task, in instance order, and links those of each slot.
+// Not inlined: no mission should be made on top of this.
+#[inline(never)]
 pub(crate) fn prepare(tables: &Tables<'_>, registry: Registry<'_>, lists: &mut Lists<'_>) {
     let Lists {
         tasks,

@@ -17,15 +17,9 @@ impl<'m> RealTime<'_, 'm> {
             return;
         };
         let running = self.running();
-        let Some(failed) = self.end_mission() else {
+        if !self.end_failed(reason, at) {
             return;
-        };
-        let fell_back = FallBack {
-            mission: failed.mission.hash(),
-            reason,
-        };
-        self.observers.tell(at.us, Event::FellBack(fell_back));
-        self.machine.free(failed, Some(fell_back));
+        }
         let mode = self.safety.mode();
         self.go_back_to(before, running, at);
         match (mode, safe) {
@@ -40,6 +34,22 @@ impl<'m> RealTime<'_, 'm> {
             _ => {}
         }
         self.tell_health();
+    }
+
+    /// Ends the mission on trial. Answers whether there was one.
+    // Not inlined: no other mission should be made on top of this one.
+    #[inline(never)]
+    fn end_failed(&mut self, reason: FallBackReason, at: Origin) -> bool {
+        let Some(failed) = self.end_mission() else {
+            return false;
+        };
+        let fell_back = FallBack {
+            mission: failed.mission.hash(),
+            reason,
+        };
+        self.observers.tell(at.us, Event::FellBack(fell_back));
+        self.machine.free(failed, Some(fell_back));
+        true
     }
 
     /// Starts a mission that ran before, or goes without one.

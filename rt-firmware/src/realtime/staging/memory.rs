@@ -24,37 +24,31 @@ impl<'m> Prepared<'m> {
     #[inline(never)]
     pub(crate) fn new(
         mission: Verified<BlobBuffer<'m>>,
-        memory: MissionMemory<'m>,
+        mut memory: MissionMemory<'m>,
         registry: Registry<'_>,
     ) -> Option<Self> {
-        // Changed where it is returned: moved about, it would be on the stack more than once.
-        let mut prepared = Self::in_memory(mission, memory);
-        if let Some(Prepared { interpreter, lists }) = &mut prepared {
-            tasks::prepare(&interpreter.tables(), registry, lists);
-        }
-        prepared
+        // The lists first: afterwards the mission would have to be on the stack more than once.
+        tasks::prepare(&mission.tables(), registry, &mut memory.lists);
+        Self::in_memory(mission, memory)
     }
 
     /// Of one that ran in this room before.
     #[inline(never)]
     pub(crate) fn again(
         mission: Verified<BlobBuffer<'m>>,
-        memory: MissionMemory<'m>,
+        mut memory: MissionMemory<'m>,
     ) -> Option<Self> {
-        let mut prepared = Self::in_memory(mission, memory);
-        if let Some(Prepared { lists, .. }) = &mut prepared {
-            tasks::prepare_again(lists);
-        }
-        prepared
+        tasks::prepare_again(&mut memory.lists);
+        Self::in_memory(mission, memory)
     }
 
-    #[cfg_attr(feature = "warm", inline(never))]
+    #[inline(never)]
     fn in_memory(
         mission: Verified<BlobBuffer<'m>>,
         MissionMemory { arena, lists }: MissionMemory<'m>,
     ) -> Option<Self> {
-        let made = Interpreter::new(mission, arena);
-        debug_assert!(made.is_ok(), "the room was found to be large enough");
-        made.map(|interpreter| Prepared { interpreter, lists }).ok()
+        let made = Interpreter::in_arena(mission, arena);
+        debug_assert!(made.is_some(), "the room was found to be large enough");
+        made.map(|interpreter| Prepared { interpreter, lists })
     }
 }
