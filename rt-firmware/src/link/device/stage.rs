@@ -16,6 +16,7 @@ use crate::realtime::mailbox::{Command, Content};
 use crate::realtime::staging::StagedMission;
 use esm_link::access::Access;
 use esm_link::frame::checksum;
+use esm_link::keys::SignedUpload;
 use esm_link::message::{LinkError, Swap};
 
 impl<'m> RequestHandler<'_, 'm> {
@@ -71,24 +72,39 @@ impl<'m> RequestHandler<'_, 'm> {
             self.keep(blob);
             return Err(error);
         }
-        let verified = match verified(blob) {
-            Ok(verified) => verified,
+        // Moved once only: it would be on the stack as often as it is moved.
+        match verified(blob) {
+            Ok(mission) => match check(&mission, self.registry, &self.capacities) {
+                Ok(()) => self.hand_over(mission, signed.as_ref(), swap, port),
+                Err(error) => {
+                    self.keep(mission.into_bytes());
+                    Err(error)
+                }
+            },
             Err((blob, refusal)) => {
                 self.keep(blob);
-                return Err(LinkError::Invalid(refusal));
+                Err(LinkError::Invalid(refusal))
             }
-        };
-        if let Err(error) = check(&verified, self.registry, &self.capacities) {
-            self.keep(verified.into_bytes());
-            return Err(error);
         }
+    }
+
+    /// Prepares a mission that was checked, and puts it into the command.
+    // Not inlined: what it needs of the stack is not needed while the blob is checked.
+    #[inline(never)]
+    fn hand_over(
+        &mut self,
+        verified: Verified<BlobBuffer<'m>>,
+        signed: Option<&SignedUpload>,
+        swap: Swap,
+        port: &mut impl LinkPort,
+    ) -> Result<(), LinkError> {
         let mission = self.prepare(verified, swap.warm)?;
-        let accepted =
-            self.accept(signed.as_ref(), port)
-                .and_then(|()| match port.mission_store() {
-                    Some(mission_store) => mission_store.trial_begins(mission.mission().bytes()),
-                    None => Ok(()),
-                });
+        let accepted = self
+            .accept(signed, port)
+            .and_then(|()| match port.mission_store() {
+                Some(mission_store) => mission_store.trial_begins(mission.mission().bytes()),
+                None => Ok(()),
+            });
         match (accepted, &mut self.command) {
             (Ok(()), Some(content)) => {
                 **content = Content::Command(Command::Swap {

@@ -3,11 +3,13 @@
 #[cfg(not(feature = "warm"))]
 use core::marker::PhantomData;
 
+use super::MappingTable;
 #[cfg(not(feature = "warm"))]
 use super::SpareMemory;
 #[cfg(feature = "warm")]
 use super::StagedMission;
-use super::{MappingTable, StoppedMission};
+#[cfg(not(feature = "warm"))]
+use super::StoppedMission;
 use crate::realtime::RealTime;
 use crate::realtime::change::NewTrial;
 use crate::realtime::mailbox::Content;
