@@ -116,7 +116,10 @@ impl<'m, R: Access> Machine<'m, R> {
             number(mission::FLAGS),
             queue_capacity,
         );
-        arena.iter_mut().take(layout.words()).for_each(|word| *word = 0);
+        arena
+            .iter_mut()
+            .take(layout.words())
+            .for_each(|word| *word = 0);
         let table = |section| R::place(tables.bytes(), tables.start_at(section as usize));
         let mut part = |word| R::part(arena, word);
         let places = Places {

@@ -98,7 +98,28 @@ impl<'m> RequestHandler<'_, 'm> {
         swap: Swap,
         port: &mut impl LinkPort,
     ) -> Result<(), LinkError> {
-        let mission = self.prepare(verified, swap.warm)?;
+        // Moved once only, as above.
+        match self.memories.prepare(verified, swap.warm, self.registry) {
+            Ok(mission) => self.put(mission, signed, swap, port),
+            Err((error, blob)) => {
+                if let Some(blob) = blob {
+                    self.keep(blob);
+                }
+                Err(error)
+            }
+        }
+    }
+
+    /// Puts a mission into the command, if its upload counts and the mission store takes it on.
+    // Not inlined, as above. A mission without memory of its own is small enough.
+    #[cfg_attr(feature = "warm", inline(never))]
+    fn put(
+        &mut self,
+        mission: StagedMission<'m>,
+        signed: Option<&SignedUpload>,
+        swap: Swap,
+        port: &mut impl LinkPort,
+    ) -> Result<(), LinkError> {
         let accepted = self
             .accept(signed, port)
             .and_then(|()| match port.mission_store() {
@@ -118,27 +139,6 @@ impl<'m> RequestHandler<'_, 'm> {
                 let blob = self.memories.take_apart(mission);
                 self.keep(blob);
                 Err(accepted.err().unwrap_or(LinkError::Busy))
-            }
-        }
-    }
-
-    /// Makes what a mission needs, while the one before drives. Keeps the buffer of one that it
-    /// cannot be made for.
-    // Without `warm` there is nothing to make: inlined, nothing is moved on the stack either.
-    #[cfg_attr(feature = "warm", inline(never))]
-    #[cfg_attr(not(feature = "warm"), inline(always))]
-    pub(super) fn prepare(
-        &mut self,
-        mission: Verified<BlobBuffer<'m>>,
-        warm: bool,
-    ) -> Result<StagedMission<'m>, LinkError> {
-        match self.memories.prepare(mission, warm, self.registry) {
-            Ok(mission) => Ok(mission),
-            Err((error, blob)) => {
-                if let Some(blob) = blob {
-                    self.keep(blob);
-                }
-                Err(error)
             }
         }
     }

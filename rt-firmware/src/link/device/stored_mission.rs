@@ -44,7 +44,7 @@ impl RequestHandler<'_, '_> {
             return true;
         };
         let mission = match verified(blob) {
-            Ok(mission) => self.prepare(mission, false),
+            Ok(mission) => self.memories.prepare(mission, false, self.registry),
             Err((blob, _)) => {
                 self.keep(blob);
                 return true;
@@ -70,8 +70,11 @@ impl RequestHandler<'_, '_> {
                 let blob = self.memories.take_apart(mission);
                 self.keep(blob);
             }
-            // It was kept.
-            (Err(_), _) => {}
+            (Err((_, blob)), _) => {
+                if let Some(blob) = blob {
+                    self.keep(blob);
+                }
+            }
         }
         true
     }

@@ -63,7 +63,8 @@ impl<'m> MissionMemories<'m> {
 
     /// Makes of a mission that was [checked](crate::check) what it needs, and finds out what it has
     /// in common with the one that runs if it is to take over warm.
-    #[cfg_attr(feature = "speed", inline(always))]
+    // Not inlined: what it needs of the stack is not needed afterwards.
+    #[inline(never)]
     pub(crate) fn prepare(
         &mut self,
         mut mission: Verified<BlobBuffer<'m>>,
@@ -80,11 +81,15 @@ impl<'m> MissionMemories<'m> {
         }
         // There are as many rooms as buffers.
         let memory = self.memories.iter_mut().find_map(Option::take);
-        let prepared = memory.and_then(|memory| Prepared::new(mission, memory, registry));
-        debug_assert!(prepared.is_some());
-        prepared
-            .map(|prepared| StagedMission { prepared, common })
-            .ok_or((LinkError::Busy, None))
+        debug_assert!(memory.is_some());
+        let Some(memory) = memory else {
+            return Err((LinkError::Busy, None));
+        };
+        // Moved once only: it would be on the stack as often as it is moved.
+        match Prepared::new(mission, memory, registry) {
+            Some(prepared) => Ok(StagedMission { prepared, common }),
+            None => Err((LinkError::Busy, None)),
+        }
     }
 
     /// What a mission has in common with the one that runs. None if none does.
