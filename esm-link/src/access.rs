@@ -68,6 +68,7 @@ pub fn needs(request: &Request<'_>) -> Needs {
         | Request::States { .. }
         | Request::SlotCounters { .. }
         | Request::TaskCounters { .. }
+        | Request::FrameCounters { .. }
         | Request::Subscribe { .. }
         | Request::Watch { .. }
         | Request::CrashReport

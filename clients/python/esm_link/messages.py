@@ -12,8 +12,8 @@ PROTOCOL_VERSION = 4
     CLOCK, WITHIN, FEATURES, VALUES,
     IDENTIFY, OPEN_SESSION, PROVEN,
     BEHAVIOUR_LIST, BEHAVIOURS, DRIVE, END_DRIVE,
-    SELFTEST,
-) = range(41)  # fmt: skip
+    SELFTEST, FRAME_COUNTERS,
+) = range(42)  # fmt: skip
 
 #: `of` in the answer to a message that was no request.
 NO_REQUEST = 255
@@ -372,6 +372,16 @@ class Slot:
 
 
 @dataclass
+class Frame:
+    passed: int
+    missing: int
+    repeated: int
+    older: int
+    link_errors: int
+    link_dropped: int
+
+
+@dataclass
 class TaskInstance:
     enabled: bool
     busy: bool
@@ -623,6 +633,8 @@ def _answer(fields: Fields) -> object:
         script, steps, ended = fields.number(32), fields.u8(), fields.u8()
         state, entries = fields.one_of(SCRIPT_STATES), fields.bytes()
         return BehaviourList(script, steps, ended, state, [_list_entry(entries[at : at + 6]) for at in range(0, len(entries) - 5, 6)])
+    if kind == 21:
+        return Frame(*(fields.number(32) for _ in range(6)))
     raise Malformed(f"an answer of kind {kind}")
 
 

@@ -123,6 +123,7 @@ class Messages(unittest.TestCase):
             "request end drive": (messages.END_DRIVE,),
             "request selftest measures": (messages.SELFTEST, b"\0"),
             "request selftest line rate": (messages.SELFTEST, struct.pack("<BII", 1, 921_600, 2_000)),
+            "request frame counters": (messages.FRAME_COUNTERS, 300),
         }
         for name, (kind, *fields) in requests.items():
             with self.subTest(name):
@@ -171,6 +172,7 @@ class Messages(unittest.TestCase):
         features = self.read("answer features").body
         self.assertEqual((features.has("record"), features.has("keys"), features.flash_ms), (True, True, 300))
         self.assertEqual(features.left_out(), ["log", "news", "params", "warm", "store", "black-box", "telemetry", "behaviours", "links"])
+        self.assertEqual(self.read("answer frame counters").body, messages.Frame(2**20, 300, 2, 3, 2**32 - 1, 5))
         self.assertEqual(self.read("answer behaviour").body, messages.Behaviour(300))
         listed = self.read("answer behaviour list").body
         self.assertEqual((listed.script, listed.steps, listed.ended, listed.state), (0xFEEDBEEF, 8, 2, "suspended"))

@@ -1,4 +1,4 @@
-//! What a robot counts of slots and of task states.
+//! What a robot counts of slots, of task states and of the frames of links.
 
 use serde::{Deserialize, Serialize};
 
@@ -80,4 +80,26 @@ pub struct TaskCounters {
     pub busy: bool,
     /// Executions that took longer than the slot's duration; saturates.
     pub overruns: u16,
+}
+
+/// What was counted of a frame of a link, and of the link, since the mission started. Where a
+/// mission takes over warm from one that declares the link in the same way, counting goes on.
+///
+/// Counters stay at their greatest value once they are there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FrameCounters {
+    /// Occurrences that went to the device, or came as they should.
+    pub passed: u32,
+    /// Of a frame that is sent: occurrences that the device had no room for. Of one that is
+    /// received: numbers that were left out since the first that came.
+    pub missing: u32,
+    /// Received: those that came twice, and were dropped.
+    pub repeated: u32,
+    /// Received: those that a newer one overtook before a task could see them.
+    pub older: u32,
+    /// Whatever came over the link with a wrong checksum, length or configuration, or with an
+    /// identifier that no frame has.
+    pub link_errors: u32,
+    /// Whatever came over the link while no state received.
+    pub link_dropped: u32,
 }

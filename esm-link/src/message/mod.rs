@@ -18,7 +18,7 @@ mod stream;
 mod tests;
 pub mod trial;
 
-pub use counters::{DELAY_BUCKETS, SlotCounters, TaskCounters};
+pub use counters::{DELAY_BUCKETS, FrameCounters, SlotCounters, TaskCounters};
 pub use crash_report::{CoreFault, CrashReport, MAX_PLACE_BYTES, ResetReason, Silent};
 pub use device_info::{Capacities, Capacity, DeviceInfo, Uploads};
 pub use error::LinkError;

@@ -249,6 +249,11 @@ pub enum Request<'a> {
         /// Which: see [`Ask`](crate::selftest::Ask).
         ask: &'a [u8],
     },
+    /// What was counted of a frame of a link? Answer: [`Response::Frame`].
+    FrameCounters {
+        /// Its index in the mission.
+        frame: u16,
+    },
 }
 
 impl Request<'_> {
@@ -296,6 +301,7 @@ impl Request<'_> {
             Request::Drive { .. } => 38,
             Request::EndDrive => 39,
             Request::Selftest { .. } => 40,
+            Request::FrameCounters { .. } => 41,
         }
     }
 

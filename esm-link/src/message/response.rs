@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::counters::{SlotCounters, TaskCounters};
+use super::counters::{FrameCounters, SlotCounters, TaskCounters};
 use super::crash_report::CrashReport;
 use super::device_info::DeviceInfo;
 use super::status::Status;
@@ -139,6 +139,8 @@ pub enum Response<'a> {
         /// [`ENTRY_BYTES`](crate::behaviours::ENTRY_BYTES) each.
         entries: &'a [u8],
     },
+    /// To [`Request::FrameCounters`].
+    Frame(FrameCounters),
 }
 
 /// Which key a robot has.

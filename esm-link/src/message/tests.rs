@@ -137,6 +137,7 @@ fn the_kind_of_a_request_is_its_number_in_a_message() {
         },
         Request::EndDrive,
         Request::Selftest { ask: &bytes },
+        Request::FrameCounters { frame: 0 },
     ];
     let mut room = [0; MAX_FRAME_BYTES];
     for (request, number) in all.into_iter().zip(0..) {

@@ -10,6 +10,7 @@
 
 pub mod bench;
 pub mod black_box;
+mod counted_links;
 pub mod files;
 pub mod flash;
 pub mod flashing;

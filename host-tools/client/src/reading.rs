@@ -8,9 +8,10 @@ use esm_link::message::{LinkError, Mode, ResetReason, Status, TaskCounters};
 use serde::Serialize;
 use thiserror::Error;
 
+use crate::counted_links::CountedLinks;
 use crate::link_client::{ClientError, LinkClient, LinkCounts};
 use crate::serial::ByteLink;
-use esm_toolkit::counters::SlotReport;
+use esm_toolkit::counters::{LinkReport, SlotReport};
 use esm_toolkit::inspect;
 use esm_toolkit::inspect::refusal::Explained;
 use esm_toolkit::story;
@@ -53,6 +54,7 @@ struct Known {
     machine: String,
     slots: Vec<SlotPlan>,
     tasks: Vec<TaskPlan>,
+    links: CountedLinks,
 }
 
 /// When a slot runs, in microseconds.
@@ -139,6 +141,8 @@ pub struct Reading {
     pub slots: Vec<SlotReading>,
     /// The task states of the mission, in the order in which they run.
     pub tasks: Vec<TaskReading>,
+    /// The links of the mission.
+    pub links: Vec<LinkReport>,
     /// What the host saw of the line since the session began.
     pub line: LineReport,
 }
@@ -154,6 +158,7 @@ impl Reading {
             finished: false,
             slots: Vec::new(),
             tasks: Vec::new(),
+            links: Vec::new(),
             line: LineReport::default(),
         }
     }
@@ -288,6 +293,7 @@ impl Reader {
                     counted,
                 });
             }
+            reading.links = known.links.ask(robot)?;
             if let Some(directory) = &self.directory {
                 let current = robot.current_states()?.states;
                 let current = |region: usize| current.get(region).copied().map_or(0, usize::from);
@@ -350,6 +356,7 @@ impl Known {
         Known {
             mission: verified.hash(),
             machine: report.machine,
+            links: CountedLinks::of(report.links, &tables),
             slots: tables
                 .slots()
                 .map(|slot| SlotPlan {

@@ -14,7 +14,7 @@ use serde::Serialize;
 use super::console::Console;
 use super::exit::CommandError;
 use super::robot::RobotArgs;
-use crate::counters::SlotReport;
+use crate::counters::{LinkReport, SlotReport};
 use crate::link_client::RobotInfo;
 pub use crate::reading::mode_words;
 use crate::reading::{Reader, Reading, Tasks, reset_reason};
@@ -98,6 +98,8 @@ pub struct StatusReport {
     pub crash_report: CrashReportJson,
     /// Counters of each slot.
     pub slots: Vec<SlotReport>,
+    /// Counters of each link.
+    pub links: Vec<LinkReport>,
 }
 
 /// How a robot's run of the firmware ended, in the form of its JSON. What is not known is `null`.
@@ -433,6 +435,7 @@ impl StatusReport {
             slots: (reading.slots.into_iter())
                 .map(|slot| slot.counted)
                 .collect(),
+            links: reading.links,
         }
     }
 }
@@ -546,6 +549,12 @@ impl fmt::Display for StatusReport {
             row(&format!("slot {}", slot.slot), slot.to_string())?;
             if slot.is_timed() {
                 row("  start delays", slot.delays_in_words())?;
+            }
+        }
+        for link in &self.links {
+            row(&format!("link {}", link.link), link.to_string())?;
+            for frame in &link.frames {
+                row(&format!("  {}", frame.title()), frame.to_string())?;
             }
         }
         Ok(())

@@ -1,8 +1,8 @@
-//! What a robot counts of a slot, in the form in which commands show it.
+//! What a robot counts of a slot and of a link, in the form in which commands show it.
 
 use std::fmt;
 
-use esm_link::message::{DELAY_BUCKETS, SlotCounters};
+use esm_link::message::{DELAY_BUCKETS, FrameCounters, SlotCounters};
 use serde::Serialize;
 
 /// What was counted of a slot since the mission started. Times in nanoseconds; 0 where nothing was
@@ -68,6 +68,90 @@ impl From<SlotCounters> for SlotReport {
                 })
                 .collect(),
         }
+    }
+}
+
+/// What was counted of a link since the mission started.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LinkReport {
+    /// Its name.
+    pub link: String,
+    /// Whatever came with a wrong checksum, length or configuration, or with an identifier that no
+    /// frame has.
+    pub errors: u32,
+    /// Whatever came while no state received.
+    pub dropped: u32,
+    /// Its frames: those that are sent, then those that are received.
+    pub frames: Vec<FrameReport>,
+}
+
+/// What was counted of a frame since the mission started.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct FrameReport {
+    /// Its name.
+    pub frame: String,
+    /// Its identifier.
+    pub id: u16,
+    /// `out` or `in`.
+    pub direction: &'static str,
+    /// How many were sent, or came.
+    pub passed: u32,
+    /// Sent: how many the device had no room for. Received: how many were left out, by their
+    /// numbers.
+    pub missing: u32,
+    /// Received: how many came twice, and were dropped.
+    pub repeated: u32,
+    /// Received: how many a newer one overtook before a task could see them.
+    pub older: u32,
+}
+
+impl FrameReport {
+    /// A frame of which nothing was counted.
+    pub fn new(frame: String, id: u16, direction: &'static str) -> Self {
+        FrameReport {
+            frame,
+            id,
+            direction,
+            ..FrameReport::default()
+        }
+    }
+
+    /// Its direction, identifier and name.
+    pub fn title(&self) -> String {
+        format!("{} {} {}", self.direction, self.id, self.frame)
+    }
+
+    /// Takes what a robot has counted of it.
+    pub fn count(&mut self, counters: FrameCounters) {
+        self.passed = counters.passed;
+        self.missing = counters.missing;
+        self.repeated = counters.repeated;
+        self.older = counters.older;
+    }
+}
+
+/// The counts as a person reads them.
+impl fmt::Display for FrameReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.direction {
+            "out" => write!(f, "{} sent, {} without room", self.passed, self.missing),
+            _ => write!(
+                f,
+                "{} came, {} missing, {} came twice, {} overtaken",
+                self.passed, self.missing, self.repeated, self.older
+            ),
+        }
+    }
+}
+
+/// The counts of the link itself as a person reads them.
+impl fmt::Display for LinkReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} errors, {} dropped while no state received",
+            self.errors, self.dropped
+        )
     }
 }
 

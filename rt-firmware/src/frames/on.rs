@@ -3,12 +3,14 @@
 use core::ops::Range;
 
 use esm_core::frames::dispatcher_of;
+use esm_core::layout::Frame;
 use esm_core::tables::Tables;
 use esm_link::frames::wire::Header;
+use esm_link::message::FrameCounters;
 
 use super::device::LinkDevice;
 use super::limits::{FRAMES, LINKS, MAX_OCCURRENCES, NO_DISPATCHER, VALUES};
-use super::table::{self, FrameEntry, FrameState, LinkEntry, NO_NET, Received};
+use super::table::{self, FrameEntry, FrameState, LinkEntry, NO_NET, Received, count};
 use crate::declaration::ValueKind;
 use crate::features::MISSIONS;
 use crate::ports::{Executor, Registry};
@@ -93,6 +95,7 @@ impl FrameLists<'_> {
         }
         for link in &mut self.links {
             (link.has_errors, link.has_news) = (false, false);
+            (link.error_count, link.dropped_count) = (0, 0);
         }
     }
 
@@ -116,6 +119,7 @@ impl FrameLists<'_> {
                 for (own, other) in own.iter_mut().zip(others) {
                     own.state.clone_from(&other.state);
                 }
+                (link.error_count, link.dropped_count) = (other.error_count, other.dropped_count);
             } else {
                 // A state that goes on receives from here on, and nothing is late yet.
                 (link.entered_us, link.listens_us) = (robot_us, robot_us);
@@ -147,6 +151,44 @@ impl FrameLists<'_> {
     #[cfg(test)]
     pub(super) fn last_number(&self, frame: usize) -> Option<u8> {
         self.frames[frame].state.occurrences.get().last()
+    }
+
+    /// What was counted of a frame of the mission, and of its link.
+    pub(crate) fn counters(&self, tables: &Tables<'_>, frame: usize) -> Option<FrameCounters> {
+        let record = tables.frames().get(frame)?;
+        self.counters_of(record.link.get(), record.is_received(), record.identifier())
+    }
+
+    /// The same of a frame of a link. No two of a link in one direction have the same identifier.
+    pub(super) fn counters_of(
+        &self,
+        link: usize,
+        is_received: bool,
+        identifier: u16,
+    ) -> Option<FrameCounters> {
+        let link = self.links.get(link)?;
+        let of_link = match is_received {
+            true => link.received,
+            false => link.sent,
+        };
+        let is_it =
+            |entry: &&FrameEntry| entry.record.as_ref().map(Frame::identifier) == Some(identifier);
+        let FrameState {
+            occurrences,
+            passed,
+            unsent,
+            older,
+            ..
+        } = &slice(self.frames, of_link).iter().find(is_it)?.state;
+        let occurrences = occurrences.get();
+        Some(FrameCounters {
+            passed: passed.get(),
+            missing: occurrences.missing().saturating_add(unsent.get()),
+            repeated: occurrences.repeated(),
+            older: older.get(),
+            link_errors: link.error_count,
+            link_dropped: link.dropped_count,
+        })
     }
 
     /// The device that serves a dispatcher.
@@ -328,10 +370,14 @@ fn transmit(
             if !is_sent {
                 // Those behind it find no room, either, or have no value.
                 let rest = (until_us - at_us).div_ceil(period_us);
+                if has_payload {
+                    count(&state.unsent, rest.try_into().unwrap_or(u32::MAX));
+                }
                 at_us += rest * period_us;
                 number = number.wrapping_add(rest as u8);
                 break;
             }
+            count(&state.passed, 1);
             at_us += period_us;
             number = number.wrapping_add(1);
         }
@@ -382,10 +428,12 @@ fn receive(
             &mut |arrived, arrived_us| {
                 if arrived_us <= listens_us {
                     // No state was there to receive it.
+                    link.dropped_count = link.dropped_count.saturating_add(1);
                     return;
                 }
                 let Ok(arrived) = arrived else {
                     link.has_errors = true;
+                    link.error_count = link.error_count.saturating_add(1);
                     return;
                 };
                 let Some(frame) = received.get(arrived.index) else {
@@ -401,7 +449,10 @@ fn receive(
                 if !is_used {
                     return;
                 }
-                state.has_come.set(true);
+                count(&state.passed, 1);
+                if state.has_come.replace(true) {
+                    count(&state.older, 1);
+                }
                 match frame.kind {
                     Some(kind) => {
                         let net = frame.net.get().into();

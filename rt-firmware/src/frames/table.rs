@@ -54,6 +54,12 @@ pub(crate) struct FrameState {
     pub(super) is_full: Cell<bool>,
     pub(super) is_available: Cell<bool>,
     pub(super) is_delayed: Cell<bool>,
+    /// How many were sent, or came as they should.
+    pub(super) passed: Cell<u32>,
+    /// How many were not sent for lack of room.
+    pub(super) unsent: Cell<u32>,
+    /// How many were overtaken by a newer one.
+    pub(super) older: Cell<u32>,
 }
 
 impl FrameEntry {
@@ -95,6 +101,9 @@ impl FrameState {
         is_full: Cell::new(false),
         is_available: Cell::new(false),
         is_delayed: Cell::new(false),
+        passed: Cell::new(0),
+        unsent: Cell::new(0),
+        older: Cell::new(0),
     };
 }
 
@@ -124,6 +133,15 @@ pub(crate) struct LinkEntry {
     pub(super) has_errors: bool,
     /// A flag is set that is true for one macro step.
     pub(super) has_news: bool,
+    /// How much came that was wrong, and how much while no state received.
+    pub(super) error_count: u32,
+    pub(super) dropped_count: u32,
+}
+
+/// Counts so many more; the greatest value stays.
+#[inline(always)]
+pub(super) fn count(counter: &Cell<u32>, more: u32) {
+    counter.set(counter.get().saturating_add(more));
 }
 
 /// Finds what is to be kept for the links of a mission that was checked. Answers how many frames

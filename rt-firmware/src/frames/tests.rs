@@ -13,6 +13,7 @@ use esm_core::layout::{Frame, Short};
 use esm_link::frames::configuration::{Configuration, Content};
 use esm_link::frames::receiver::{InFrames, Receiver};
 use esm_link::frames::wire::{self, Header, MAX_WIRE_BYTES};
+use esm_link::message::FrameCounters;
 
 use super::device::{LinkDevice, Taken};
 use super::on::{Activation, Flags, FrameLists};
@@ -257,6 +258,13 @@ fn a_full_device_is_told_until_a_frame_finds_room() {
     let taken = line.taken();
     assert_eq!((taken[0].0, taken[0].1), (45_000, 4));
     assert_eq!((taken.len(), board.set()), (2, vec![]));
+    let counters = FrameCounters {
+        passed: 3,
+        missing: 3,
+        ..FrameCounters::default()
+    };
+    assert_eq!(sent.counters_of(0, false, 3), Some(counters));
+    assert_eq!(sent.counters_of(0, true, 3), None);
 }
 
 #[test]
@@ -358,6 +366,16 @@ fn what_comes_is_published_and_told_for_one_macro_step() {
         received.clear_seen(&mut board);
         assert_eq!(board.set(), after, "{robot_us}");
     }
+    let counters = FrameCounters {
+        passed: 4,
+        // The last number again: all others between were lost.
+        missing: 255,
+        repeated: 1,
+        older: 1,
+        link_errors: 2,
+        link_dropped: 1,
+    };
+    assert_eq!(received.counters_of(0, true, 3), Some(counters));
 }
 
 #[test]
@@ -396,6 +414,8 @@ fn a_link_that_another_mission_declares_in_the_same_way_goes_on() {
         after.begin(Some(&before), 0, 100_000);
         let last = after.last_number(0);
         assert_eq!(last, goes_on.then_some(9), "{late_us}");
+        let counted = after.counters_of(0, true, 3).map(|counted| counted.passed);
+        assert_eq!(counted, Some(u32::from(goes_on)), "{late_us}");
         // The state goes on. One that begins anew waits from here on, for what comes from here on.
         let mut line = Line::default();
         line.arrives(99_999, header(&entries()[0], 10), &7_u32.to_le_bytes());

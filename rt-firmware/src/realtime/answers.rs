@@ -23,6 +23,8 @@ impl<'m> RealTime<'_, 'm> {
             Command::ReadStates { first } => states(mission, first),
             Command::ReadSlot { slot } => self.slot_counters(mission, slot, ticks_per_us),
             Command::ReadTask { task_instance } => self.task_counters(mission, task_instance),
+            #[cfg(feature = "links")]
+            Command::ReadFrame { frame } => self.frame_counters(mission, frame),
             Command::ReadParam { mission, param } if PARAMS => self.param(mission, param),
             _ => Reply::Failed(LinkError::NoSuchIndex),
         }
@@ -50,6 +52,13 @@ impl<'m> RealTime<'_, 'm> {
             busy: mission.is_busy(index),
             overruns: self.execution.overruns(task_instance),
         })
+    }
+
+    /// What was counted of a frame of a link.
+    #[cfg(feature = "links")]
+    fn frame_counters(&self, mission: &Mission<'m>, frame: u16) -> Reply<'m> {
+        let counters = (self.execution).frame_counters(&mission.tables(), frame.into());
+        counters.map_or(Reply::Failed(LinkError::NoSuchIndex), Reply::Frame)
     }
 
     /// The value of a parameter.

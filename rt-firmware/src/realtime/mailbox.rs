@@ -12,7 +12,7 @@ use crate::ports::BackgroundRun;
 use crate::realtime::params::SavedParams;
 use crate::realtime::staging::{MappingTable, SpareMemory, StagedMission};
 use esm_core::BlobBuffer;
-use esm_link::message::{LinkError, MAX_PART, SlotCounters, Swap, TaskCounters};
+use esm_link::message::{FrameCounters, LinkError, MAX_PART, SlotCounters, Swap, TaskCounters};
 use esm_link::trial::FallBack;
 
 /// One command or background run at a time; a queue holds one less than its length.
@@ -156,6 +156,11 @@ pub(crate) enum Command<'m> {
         /// Its index.
         task_instance: u16,
     },
+    /// What was counted of this frame of a link.
+    ReadFrame {
+        /// Its index.
+        frame: u16,
+    },
     /// The value of this parameter.
     ReadParam {
         /// Hash of the mission that is meant.
@@ -234,6 +239,8 @@ pub(crate) enum Reply<'m> {
     Slot(SlotCounters),
     /// What was counted of a task instance.
     Task(TaskCounters),
+    /// What was counted of a frame of a link.
+    Frame(FrameCounters),
     /// A parameter.
     Param {
         /// Bits of its value.

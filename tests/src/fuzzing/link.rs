@@ -918,6 +918,7 @@ pub fn sessions() -> Vec<Seed> {
                 record: true,
             },
         ),
+        ("frame_counters", Request::FrameCounters { frame: 0 }),
         ("task_counters", Request::TaskCounters { task_instance: 0 }),
         (
             "watch",

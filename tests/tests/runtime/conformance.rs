@@ -19,9 +19,10 @@ use esm_link::frame::{
 };
 use esm_link::message::{
     BankState, Capacities, Capacity, Channel, CoreFault, CrashReport, DELAY_BUCKETS, DeviceInfo,
-    FlashHealth, FromDevice, Identity, KeyValuesState, LinkError, MAX_CHUNK, MAX_PART,
-    MAX_STREAM_BYTES, Mode, Request, ResetReason, Response, SafeReason, Silent, SlotCounters,
-    Source, Status, StoreStatus, Stream, Swap, TaskCounters, ToDevice, UNKNOWN, Uploads, WayIn,
+    FlashHealth, FrameCounters, FromDevice, Identity, KeyValuesState, LinkError, MAX_CHUNK,
+    MAX_PART, MAX_STREAM_BYTES, Mode, Request, ResetReason, Response, SafeReason, Silent,
+    SlotCounters, Source, Status, StoreStatus, Stream, Swap, TaskCounters, ToDevice, UNKNOWN,
+    Uploads, WayIn,
 };
 use esm_link::proof::{Secret, mask};
 use esm_link::selftest::Ask;
@@ -422,6 +423,10 @@ fn write_frames(text: &mut String) {
                 ask: &rate[..rate_length],
             },
         ),
+        (
+            "request frame counters",
+            Request::FrameCounters { frame: 300 },
+        ),
     ];
     for ((name, request), seq) in requests.into_iter().zip(0..) {
         write_frame(text, name, &ToDevice { seq, request });
@@ -765,6 +770,17 @@ fn write_frames(text: &mut String) {
                 },
                 entries: entries.as_flattened(),
             }),
+        ),
+        (
+            "frame counters",
+            Ok(Response::Frame(FrameCounters {
+                passed: 1 << 20,
+                missing: 300,
+                repeated: 2,
+                older: 3,
+                link_errors: u32::MAX,
+                link_dropped: 5,
+            })),
         ),
         ("error no behaviours", Err(LinkError::NoBehaviours)),
         ("error not a behaviour", Err(LinkError::NotABehaviour)),

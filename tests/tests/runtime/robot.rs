@@ -9,9 +9,9 @@ use esm_link::access::{Access, NONCE_BYTES, may_be_proven};
 use esm_link::frame::{FrameReader, MAX_FRAME_BYTES, checksum, encode, parse, unpack};
 use esm_link::key_store::{KeyStore, NotStored, StoredKey, Volatile, WriteError};
 use esm_link::message::{
-    BankState, CrashReport, FlashHealth, FromDevice, Identity, KeyValuesState, LinkError,
-    MAX_CHUNK, Request, Response, SafeReason, SlotCounters, Source as MissionSource, Status,
-    StoreStatus, Swap, TaskCounters, ToDevice,
+    BankState, CrashReport, FlashHealth, FrameCounters, FromDevice, Identity, KeyValuesState,
+    LinkError, MAX_CHUNK, Request, Response, SafeReason, SlotCounters, Source as MissionSource,
+    Status, StoreStatus, Swap, TaskCounters, ToDevice,
 };
 use esm_link::status_event::StatusEvent;
 use esm_link::telemetry::Sample;
@@ -580,6 +580,7 @@ pub enum Answer {
     Features,
     Behaviour(u16),
     BehaviourList(usize),
+    Frame(FrameCounters),
 }
 
 impl Answer {
@@ -596,6 +597,7 @@ impl Answer {
             Response::Blob { total, data } => Answer::Bytes(total, data.to_vec()),
             Response::States { total, states, .. } => Answer::Bytes(total.into(), states.to_vec()),
             Response::Slot(counters) => Answer::Slot(counters),
+            Response::Frame(counters) => Answer::Frame(counters),
             Response::TaskInstance(counters) => Answer::Task(counters),
             Response::CrashReport { words, .. } => Answer::CrashReport(words),
             Response::BlackBox { end, records } => Answer::Bytes(end, records.to_vec()),

@@ -42,9 +42,9 @@ use esm_link::black_box::{RECORD_BYTES, Record};
 use esm_link::features::{Feature, Features};
 use esm_link::frame::{self, DELIMITER, FrameReader, MAX_FRAME_BYTES};
 use esm_link::message::{
-    Capacities, Channel, CrashReport, DeviceInfo, FromDevice, LinkError, PROTOCOL_VERSION,
-    PROVEN_HEADER_BYTES, Request, ResetReason, Response, SlotCounters, Status, Swap, TaskCounters,
-    ToDevice, Uploads, version_in_hello,
+    Capacities, Channel, CrashReport, DeviceInfo, FrameCounters, FromDevice, LinkError,
+    PROTOCOL_VERSION, PROVEN_HEADER_BYTES, Request, ResetReason, Response, SlotCounters, Status,
+    Swap, TaskCounters, ToDevice, Uploads, version_in_hello,
 };
 use esm_link::selftest::{Ask, Measures};
 
@@ -664,6 +664,21 @@ impl<L: ByteLink> LinkClient<L> {
             Request::SlotCounters { slot },
             |response| match response {
                 Response::Slot(counters) => Some(counters),
+                _ => None,
+            },
+        )
+    }
+
+    /// What was counted of a frame of a link; `frame` is its index in the running mission.
+    ///
+    /// # Errors
+    /// [`ClientError`]
+    pub fn frame_counters(&mut self, frame: u16) -> Result<FrameCounters, ClientError> {
+        self.ask(
+            "counters",
+            Request::FrameCounters { frame },
+            |response| match response {
+                Response::Frame(counters) => Some(counters),
                 _ => None,
             },
         )

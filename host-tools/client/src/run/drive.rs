@@ -17,6 +17,7 @@ use super::by_hand::{ByHand, Telling};
 use super::mission::{Mission, hash_text};
 use super::summary::{EndPose, MissionSummary, Summary};
 use super::touches::TouchSummary;
+use crate::counted_links::CountedLinks;
 use crate::flash::Flash;
 use crate::host_board::HostBoard;
 use crate::interrupt::Interrupt;
@@ -633,9 +634,7 @@ impl<W: Write> Driver<W> {
                 console: String::new(),
             },
         };
-        if let Some(last) = self.uploads.last_mut() {
-            last.slots = slot_reports(&mut self.robot).map_err(wrap)?;
-        }
+        count_last(&mut self.robot, &self.missions, &mut self.uploads).map_err(wrap)?;
         let started = self.robot.clock().now();
         let before = self.robot.status().map_err(wrap)?;
         let mut progress = |bytes| watch(Heard::Uploaded(bytes));
@@ -672,6 +671,7 @@ impl<W: Write> Driver<W> {
             upload_s,
             slots_missed_in_upload: u64::from(missed.wrapping_sub(before.missed)),
             slots: Vec::new(),
+            links: Vec::new(),
             handover: handover.clone(),
         };
         self.longest_delay_ns = self.longest_delay_ns.max(before.max_delay_ns);
@@ -937,11 +937,8 @@ impl<W: Write> Driver<W> {
             self.end_recording(watch)?;
             // A robot that fell silent at the very end has told all that matters.
             let status = self.robot.status().ok();
-            if status.is_some()
-                && let Some(last) = self.uploads.last_mut()
-                && let Ok(slots) = slot_reports(&mut self.robot)
-            {
-                last.slots = slots;
+            if status.is_some() {
+                let _ = count_last(&mut self.robot, &self.missions, &mut self.uploads);
             }
             status
         };
@@ -1018,6 +1015,25 @@ impl<W: Write> Driver<W> {
             interrupted,
         })
     }
+}
+
+/// Asks what was counted of the mission that was brought to the robot last, if there is one.
+fn count_last<L: ByteLink>(
+    robot: &mut LinkClient<L>,
+    missions: &[Planned],
+    uploads: &mut [MissionSummary],
+) -> Result<(), ClientError> {
+    let planned = uploads.len().checked_sub(1);
+    let planned = planned.and_then(|index| missions.get(index));
+    let (Some(last), Some(planned)) = (uploads.last_mut(), planned) else {
+        return Ok(());
+    };
+    last.slots = slot_reports(robot)?;
+    // A mission without slots is none that runs.
+    if !last.slots.is_empty() {
+        last.links = CountedLinks::of_blob(&planned.mission.blob).ask(robot)?;
+    }
+    Ok(())
 }
 
 /// What the robot has counted of each slot of its mission.

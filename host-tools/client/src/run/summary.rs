@@ -5,7 +5,7 @@ use std::fmt;
 use esm_link::message::Status;
 use serde::Serialize;
 
-use esm_toolkit::counters::SlotReport;
+use esm_toolkit::counters::{LinkReport, SlotReport};
 use esm_toolkit::plant::Plant;
 use esm_toolkit::schedule::handover::Handover;
 
@@ -160,6 +160,8 @@ pub struct MissionSummary {
     /// What the robot counted of its slots: up to the end of the run, or to where the upload of the
     /// next mission began.
     pub slots: Vec<SlotReport>,
+    /// What it counted of its links in the same time.
+    pub links: Vec<LinkReport>,
     /// What becomes of the slots that it shares with the mission before.
     #[serde(flatten)]
     pub handover: Handover,
@@ -252,6 +254,12 @@ impl fmt::Display for Summary {
                 row(&format!("slot {}", slot.slot), slot.to_string())?;
                 if slot.is_timed() {
                     row("  start delays", slot.delays_in_words())?;
+                }
+            }
+            for link in &mission.links {
+                row(&format!("link {}", link.link), link.to_string())?;
+                for frame in &link.frames {
+                    row(&format!("  {}", frame.title()), frame.to_string())?;
                 }
             }
             for moved in &mission.handover.slots_moved {

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::view::{Load, SlotRow, rate_hz};
 use crate::cli::status::{FINISHED, StatusReport};
-use crate::counters::{Ns, SlotReport};
+use crate::counters::{LinkReport, Ns, SlotReport};
 use crate::link_client::RobotInfo;
 use crate::reading::{LineReport, Reading, TaskReading};
 
@@ -67,6 +67,8 @@ pub struct TopReport {
     pub slots: Vec<TopSlot>,
     /// The tasks of slot 0.
     pub slot_0_tasks: Vec<TopTask>,
+    /// The links.
+    pub links: Vec<LinkReport>,
 }
 
 /// A slot.
@@ -166,6 +168,7 @@ impl TopReport {
             line,
             slots,
             slot_0_tasks,
+            links: status.links,
         }
     }
 }
@@ -286,6 +289,13 @@ impl fmt::Display for TopReport {
             writeln!(f, "slot 0")?;
             for task in &self.slot_0_tasks {
                 writeln!(f, "  {task}")?;
+            }
+        }
+        for link in &self.links {
+            writeln!(f)?;
+            writeln!(f, "link {}: {link}", link.link)?;
+            for frame in &link.frames {
+                writeln!(f, "  {}: {frame}", frame.title())?;
             }
         }
         Ok(())

@@ -478,6 +478,7 @@ pub(super) mod tests {
                 .map(str::to_owned)
                 .into(),
             finished: false,
+            links: Vec::new(),
             slots: vec![slot(1, 0, 400_000, 1_900), slot(2, 2_000, 3_000_000, 3_100)],
             tasks: vec![
                 task("motion/Ahead", "Cruise", Some(0), 0),

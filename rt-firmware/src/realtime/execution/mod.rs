@@ -7,6 +7,8 @@ pub(super) mod background_runs;
 #[cfg(feature = "links")]
 pub(super) mod links;
 
+#[cfg(feature = "links")]
+use esm_core::tables::Tables;
 use esm_core::{Observer, StateMapping, TransitionTaken};
 use heapless::spsc::{Consumer, Producer};
 
@@ -24,6 +26,8 @@ use crate::notes::MAX_NOTES;
 use crate::ports::{BackgroundRun, Executor, Registry};
 use crate::task::Step;
 use crate::task_word::TaskWord;
+#[cfg(feature = "links")]
+use esm_link::message::FrameCounters;
 use esm_link::message::SafeReason;
 
 /// Where a background run is put to be passed around.
@@ -116,6 +120,16 @@ impl<'q, 'm> Execution<'q, 'm> {
     /// How often a task ran longer than its slot.
     pub(super) fn overruns(&self, instance: u16) -> u16 {
         self.tasks.overruns(instance)
+    }
+
+    /// What was counted of a frame of a mission with these tables.
+    #[cfg(feature = "links")]
+    pub(super) fn frame_counters(
+        &self,
+        tables: &Tables<'_>,
+        frame: usize,
+    ) -> Option<FrameCounters> {
+        self.tasks.lists.frames.counters(tables, frame)
     }
 
     /// What the values of a task's data port are made of, if the task says so.
