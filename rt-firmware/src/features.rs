@@ -15,9 +15,6 @@ pub const KEYS: bool = cfg!(feature = "keys");
 /// begin anew and a request for a warm swap is refused.
 pub const WARM: bool = cfg!(feature = "warm");
 
-/// Missions can have links, whose frames are counted (feature `links`).
-pub const LINKS: bool = cfg!(feature = "links");
-
 /// Parameters of the mission that runs can be read, changed and saved (feature `params`).
 pub const PARAMS: bool = cfg!(feature = "params");
 

@@ -322,6 +322,22 @@ fn whatever_a_partner_does_shows_as_its_flag_and_no_slot_is_missed() {
     let lost = ran.entered.iter().find(|(_, it)| it == LOST);
     let late_us = lost.unwrap().0 - begins_us(1);
     assert!(late_us <= 450_000, "{late_us}");
+    // And all of it was counted.
+    let link = &ran.summary["missions"][0]["links"][0];
+    let count = |of: &Value, key: &str| of[key].as_u64().unwrap();
+    let frame = |direction: &str| {
+        let frames = link["frames"].as_array().unwrap();
+        let mut of_it = frames.iter().filter(|it| it["direction"] == direction);
+        of_it.next().unwrap()
+    };
+    let (sent, heard) = (frame("out"), frame("in"));
+    let periods = DOINGS.len() as u64 * PERIODS;
+    assert!(count(sent, "passed") >= periods, "{link}");
+    assert_eq!(count(sent, "missing"), 0, "{link}");
+    for key in ["passed", "missing", "repeated"] {
+        assert!(count(heard, key) > 0, "{key}: {link}");
+    }
+    assert!(count(link, "errors") > PERIODS, "{link}");
 }
 
 #[test]

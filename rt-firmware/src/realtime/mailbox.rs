@@ -12,7 +12,9 @@ use crate::ports::BackgroundRun;
 use crate::realtime::params::SavedParams;
 use crate::realtime::staging::{MappingTable, SpareMemory, StagedMission};
 use esm_core::BlobBuffer;
-use esm_link::message::{FrameCounters, LinkError, MAX_PART, SlotCounters, Swap, TaskCounters};
+#[cfg(feature = "links")]
+use esm_link::message::FrameCounters;
+use esm_link::message::{LinkError, MAX_PART, SlotCounters, Swap, TaskCounters};
 use esm_link::trial::FallBack;
 
 /// One command or background run at a time; a queue holds one less than its length.

@@ -503,7 +503,7 @@ fn write_frames(text: &mut String) {
             record_erases: 5,
         }),
     };
-    let answers: [(&str, Result<Response<'_>, LinkError>); 74] = [
+    let answers: [(&str, Result<Response<'_>, LinkError>); 75] = [
         (
             "hello",
             Ok(Response::Hello(DeviceInfo {
