@@ -159,6 +159,7 @@ pub(crate) enum Command<'m> {
         task_instance: u16,
     },
     /// What was counted of this frame of a link.
+    #[cfg(feature = "links")]
     ReadFrame {
         /// Its index.
         frame: u16,
@@ -242,6 +243,7 @@ pub(crate) enum Reply<'m> {
     /// What was counted of a task instance.
     Task(TaskCounters),
     /// What was counted of a frame of a link.
+    #[cfg(feature = "links")]
     Frame(FrameCounters),
     /// A parameter.
     Param {

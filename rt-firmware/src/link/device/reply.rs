@@ -109,6 +109,7 @@ pub(super) fn answer_of<'l>(content: &'l Content<'_>) -> Result<Response<'l>, Li
             states: bytes.as_slice(),
         }),
         Reply::Slot(counters) => Ok(Response::Slot(*counters)),
+        #[cfg(feature = "links")]
         Reply::Frame(counters) => Ok(Response::Frame(*counters)),
         Reply::Task(counters) => Ok(Response::TaskInstance(*counters)),
         Reply::Param {

@@ -9,7 +9,7 @@ use super::client_session::Sender;
 use super::handler::{PendingRequest, Reaction, RequestHandler};
 use super::line_rate::LineRate;
 use super::port::LinkPort;
-use crate::features::{LINKS, PARAMS, SELFTEST, STATUS_EVENTS, TELEMETRY};
+use crate::features::{PARAMS, SELFTEST, STATUS_EVENTS, TELEMETRY};
 use crate::link::status_event::Watch;
 use crate::realtime::mailbox::{Bytes, Command, NO_DEADLINE};
 use esm_link::access::{
@@ -219,7 +219,9 @@ impl RequestHandler<'_, '_> {
             Request::TaskCounters { task_instance } => {
                 self.ask(Command::ReadTask { task_instance })
             }
-            Request::FrameCounters { .. } if !LINKS => Reaction::Answer(Err(LinkError::NotBuiltIn)),
+            #[cfg(not(feature = "links"))]
+            Request::FrameCounters { .. } => Reaction::Answer(Err(LinkError::NotBuiltIn)),
+            #[cfg(feature = "links")]
             Request::FrameCounters { frame } => self.ask(Command::ReadFrame { frame }),
             Request::Confirm { mission } => self.confirm(mission, port),
             Request::FallBack { mission } => self.ask(Command::FallBack { mission }),
