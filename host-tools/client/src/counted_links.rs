@@ -2,6 +2,7 @@
 
 use esm_core::layout::Frame;
 use esm_core::tables::Tables;
+use esm_link::message::LinkError;
 use esm_toolkit::counters::{FrameReport, LinkReport};
 use esm_toolkit::inspect::{self, FrameRow, LinkRow};
 
@@ -41,7 +42,7 @@ impl CountedLinks {
         }
     }
 
-    /// Asks the robot, which runs the mission.
+    /// Asks the robot, which runs the mission. None of a firmware that does not know of them.
     ///
     /// # Errors
     /// [`ClientError`]
@@ -49,7 +50,18 @@ impl CountedLinks {
         &self,
         robot: &mut LinkClient<L>,
     ) -> Result<Vec<LinkReport>, ClientError> {
-        self.0.iter().map(|link| link.ask(robot)).collect()
+        let reports: Result<Vec<_>, _> = self.0.iter().map(|link| link.ask(robot)).collect();
+        match reports {
+            Err(error)
+                if matches!(
+                    error.refusal(),
+                    Some(LinkError::Malformed | LinkError::NotBuiltIn)
+                ) =>
+            {
+                Ok(Vec::new())
+            }
+            reports => reports,
+        }
     }
 }
 
