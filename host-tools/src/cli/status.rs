@@ -551,11 +551,8 @@ impl fmt::Display for StatusReport {
                 row("  start delays", slot.delays_in_words())?;
             }
         }
-        for link in &self.links {
-            row(&format!("link {}", link.link), link.to_string())?;
-            for frame in &link.frames {
-                row(&format!("  {}", frame.title()), frame.to_string())?;
-            }
+        for (title, counted) in self.links.iter().flat_map(LinkReport::rows) {
+            row(&title, counted)?;
         }
         Ok(())
     }

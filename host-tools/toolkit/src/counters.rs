@@ -105,6 +105,18 @@ pub struct FrameReport {
     pub older: u32,
 }
 
+impl LinkReport {
+    /// What a person reads: a title and counts, of the link and then of each of its frames.
+    pub fn rows(&self) -> impl Iterator<Item = (String, String)> {
+        let of_link = (format!("link {}", self.link), self.to_string());
+        let of_frame = |frame: &FrameReport| {
+            let title = format!("  {} {} {}", frame.direction, frame.id, frame.frame);
+            (title, frame.to_string())
+        };
+        std::iter::once(of_link).chain(self.frames.iter().map(of_frame))
+    }
+}
+
 impl FrameReport {
     /// A frame of which nothing was counted.
     pub fn new(frame: String, id: u16, direction: &'static str) -> Self {
@@ -114,11 +126,6 @@ impl FrameReport {
             direction,
             ..FrameReport::default()
         }
-    }
-
-    /// Its direction, identifier and name.
-    pub fn title(&self) -> String {
-        format!("{} {} {}", self.direction, self.id, self.frame)
     }
 
     /// Takes what a robot has counted of it.

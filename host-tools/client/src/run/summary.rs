@@ -256,11 +256,8 @@ impl fmt::Display for Summary {
                     row("  start delays", slot.delays_in_words())?;
                 }
             }
-            for link in &mission.links {
-                row(&format!("link {}", link.link), link.to_string())?;
-                for frame in &link.frames {
-                    row(&format!("  {}", frame.title()), frame.to_string())?;
-                }
+            for (title, counted) in mission.links.iter().flat_map(LinkReport::rows) {
+                row(&title, counted)?;
             }
             for moved in &mission.handover.slots_moved {
                 row(

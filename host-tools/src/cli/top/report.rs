@@ -293,9 +293,8 @@ impl fmt::Display for TopReport {
         }
         for link in &self.links {
             writeln!(f)?;
-            writeln!(f, "link {}: {link}", link.link)?;
-            for frame in &link.frames {
-                writeln!(f, "  {}: {frame}", frame.title())?;
+            for (title, counted) in link.rows() {
+                writeln!(f, "{title}: {counted}")?;
             }
         }
         Ok(())
