@@ -5,26 +5,18 @@
 //! answered before the new mission runs.
 
 use super::RealTime;
-use super::machine::Trial;
+use super::machine::{NewTrial, Trial};
 use super::staging::StoppedMission;
 use super::timetable::Origin;
 use crate::board::{Board, ticks};
 use crate::features::WARM;
 use crate::realtime::mailbox::{Command, Content, Reply};
-use esm_link::message::{LinkError, Mode, SafeReason, Swap};
+use esm_link::message::{LinkError, Mode, Swap};
 use esm_link::trial::FallBackReason;
 
 /// How long before the first macro step of another mission the missions are exchanged, if nothing
 /// is due in between: longer than that takes.
 const CHANGE_LEAD_US: u32 = 2_000;
-
-/// The trial of a mission that is about to start.
-pub(super) struct NewTrial {
-    /// Why the robot is in the safe state, if it is.
-    safe: Option<SafeReason>,
-    /// Robot time at which it ends.
-    until_us: u64,
-}
 
 /// [`CHANGE_LEAD_US`] on the board's clock.
 pub(super) fn lead_ticks<B: Board>() -> u64 {

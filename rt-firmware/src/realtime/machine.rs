@@ -33,6 +33,14 @@ pub(super) struct Mission<'m> {
     next_step: u64,
 }
 
+/// The trial of a mission that is about to start.
+pub(super) struct NewTrial {
+    /// Why the robot is in the safe state, if it is.
+    pub(super) safe: Option<SafeReason>,
+    /// Robot time at which it ends.
+    pub(super) until_us: u64,
+}
+
 /// What is known of the mission that runs while it is on trial.
 pub(super) struct Trial<'m> {
     /// The mission before, to fall back to.

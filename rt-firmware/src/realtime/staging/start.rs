@@ -11,7 +11,7 @@ use super::StagedMission;
 #[cfg(not(feature = "warm"))]
 use super::StoppedMission;
 use crate::realtime::RealTime;
-use crate::realtime::change::NewTrial;
+use crate::realtime::machine::NewTrial;
 use crate::realtime::mailbox::Content;
 use crate::realtime::timetable::Origin;
 
